@@ -1,0 +1,63 @@
+"""What every design shares: validation that names the field, batches of designs, and the members of a structure."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+
+D = TypeVar("D")
+
+
+def require(condition: Any, design: str, field: str, value: Any, what: str) -> None:
+    """Raise ValueError naming the design, the field and its value unless the condition holds (for arrays: everywhere)."""
+    if not np.all(condition):
+        raise ValueError(f"{design}.{field} = {value!r}: must be {what}")
+
+
+def require_finite_numbers(design: Any) -> None:
+    """Raise unless every field of a design is a finite number (or an array of them).
+
+    Raises:
+        TypeError: a field is not a number.
+        ValueError: a field is NaN or infinite.
+    """
+    name = type(design).__name__
+    for field in dataclasses.fields(design):
+        value = getattr(design, field.name)
+        if isinstance(value, bool) or not np.issubdtype(np.asarray(value).dtype, np.number):
+            raise TypeError(f"{name}.{field.name} = {value!r}: must be a number, in SI units")
+        require(np.isfinite(value), name, field.name, value, "finite")
+
+
+def take(design: D, index: Any) -> D:
+    """The designs at `index` of a batch of designs: array fields are indexed, floats are shared."""
+    arrays = {
+        field.name: getattr(design, field.name)[index]
+        for field in dataclasses.fields(design)  # type: ignore[arg-type]
+        if isinstance(getattr(design, field.name), np.ndarray)
+    }
+    return dataclasses.replace(design, **arrays) if arrays else design  # type: ignore[type-var]
+
+
+@dataclass(frozen=True)
+class Member:
+    """A straight member between two named nodes.
+
+    Attributes:
+        name: unique within the mechanism.
+        kind: "bar" (rigid), "spring" (zero or given free length) or "cable" (a tension input).
+        nodes: the names of its two end nodes.
+        stiffness: [N/m], of a spring.
+        free_length: [m], of a spring.
+        mass: [kg], of a bar, uniform along its length.
+        radius: [m], of a bar.
+    """
+
+    name: str
+    kind: Literal["bar", "spring", "cable"]
+    nodes: tuple[str, str]
+    stiffness: float = 0.0
+    free_length: float = 0.0
+    mass: float = 0.0
+    radius: float = 0.0

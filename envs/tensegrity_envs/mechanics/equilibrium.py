@@ -1,0 +1,355 @@
+"""Equilibria of any mechanism: following one by continuation, settling into one, finding all of them.
+
+A mechanism appears here only as `statics`: configuration -> (gradient, Hessian) of its potential energy, both as components
+(a tuple, and a tuple of rows). Nothing else about it is known.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, namespace_of
+
+Hessian = tuple[Components, ...]
+Statics = Callable[[Any], tuple[Components, Hessian]]
+# (configuration, path parameter in [0, 1], indices into the batch or None for all of it at parameter 1) -> gradient, Hessian
+PathStatics = Callable[[Any, Any, Any], tuple[Components, Hessian]]
+
+_CONVERGED = 1e-10  # last Newton step [rad or m]; the error that it leaves is its square
+_ITERATIONS = 10
+_CONTRACTION = 0.25  # a Newton step longer than this times the one before: too far from the path
+_FIRST_STEP = 0.4  # longest first step of a sub-step [rad or m]
+_SHORTEST_SUBSTEP = 2.0**-12
+
+
+class Equilibrium(NamedTuple):
+    """An equilibrium, or where the search for one ended.
+
+    Attributes:
+        configuration: its components [rad or m].
+        residual: norm of the energy gradient there [N m or N].
+        is_stable: whether it is an equilibrium at which the stiffness matrix is positive definite.
+        reason: in words, how it was reached or why there is none (for a batch: a list).
+    """
+
+    configuration: Components
+    residual: Component
+    is_stable: Component
+    reason: Any
+
+
+class Followed(NamedTuple):
+    """Result of `follow`: configuration and Hessian at the last stable point, the fraction of the path that was covered."""
+
+    configuration: Components
+    hessian: Hessian
+    fraction: Component
+
+
+def solve_symmetric(matrix: Hessian, right: Components) -> tuple[Components, Component]:
+    """Solve a small symmetric system by L D L^T on components.
+
+    Returns:
+        The solution, and the smallest pivot: positive exactly where the matrix is positive definite. Where a pivot is not
+        positive, the solution is finite and meaningless.
+    """
+    n = len(right)
+    xp = namespace_of(right[0], matrix[0][0])
+    lower: list[list[Component]] = [[0.0] * n for _ in range(n)]
+    pivots: list[Component] = []
+    smallest: Component = None
+    y: list[Component] = []
+    for i in range(n):
+        for j in range(i):
+            entry = matrix[i][j]
+            for k in range(j):
+                entry = entry - lower[i][k] * lower[j][k] * pivots[k]
+            lower[i][j] = entry / pivots[j]
+        pivot, value = matrix[i][i], right[i]
+        for k in range(i):
+            pivot = pivot - lower[i][k] * lower[i][k] * pivots[k]
+            value = value - lower[i][k] * y[k]
+        smallest = pivot if smallest is None else xp.minimum(smallest, pivot)
+        pivots.append(xp.where(pivot > 0, pivot, 1.0))
+        y.append(value)
+    x: list[Component] = [0.0] * n
+    for i in reversed(range(n)):
+        value = y[i] / pivots[i]
+        for k in range(i + 1, n):
+            value = value - lower[k][i] * x[k]
+        x[i] = value
+    return tuple(x), smallest
+
+
+def _newton(statics: Statics, q: Components) -> tuple[Components, Hessian, Component]:
+    """Newton's method inside a region where the energy is convex: (configuration, Hessian, whether it failed).
+
+    It fails at the first indefinite Hessian, the first long step, or the first step that does not contract: by then it may be
+    on its way to an equilibrium that is not the continuation of the one it started from [Deuflhard, Newton Methods for Nonlinear Problems].
+    """
+    failed: Component = False
+    previous: Component = None
+    hessian: Hessian = ()
+    for _ in range(_ITERATIONS):
+        gradient, hessian = statics(q)
+        step, pivot = solve_symmetric(hessian, gradient)
+        xp = namespace_of(pivot)
+        size = abs(step[0])
+        for component in step[1:]:
+            size = xp.maximum(size, abs(component))
+        longest = _FIRST_STEP if previous is None else xp.maximum(_CONTRACTION * previous, _CONVERGED)
+        failed = failed | (pivot <= 0) | (size > longest)
+        q = tuple(qi - xp.where(failed, 0.0, si) for qi, si in zip(q, step, strict=True))
+        done = failed | (size <= _CONVERGED)
+        if done if isinstance(done, bool) else done.all():
+            return q, hessian, failed
+        previous = size
+    return q, hessian, failed | (size > _CONVERGED)
+
+
+def follow(path: PathStatics, q: Components) -> Followed:
+    """Follow a stable equilibrium along a path of inputs or loads from parameter 0 to 1, never onto another branch.
+
+    One Newton solve where its steps contract from the start; elsewhere sub-steps, halved until they contract. Where stability
+    ends on the way, the last stable point is returned with fraction < 1.
+
+    Args:
+        path: statics along the path.
+        q: the equilibrium at parameter 0, floats or arrays of shape (n,).
+    """
+    q1, hessian, failed = _newton(lambda p: path(p, 1.0, None), q)
+    if not is_batch(*q):
+        if not failed:
+            return Followed(q1, hessian, 1.0)
+        slow = _follow_in_substeps(path, tuple(np.array([qi]) for qi in q), np.array([0]))
+        return Followed(
+            tuple(float(qi[0]) for qi in slow.configuration),
+            tuple(tuple(float(h[0]) for h in row) for row in slow.hessian),
+            float(slow.fraction[0]),
+        )
+    fraction = np.ones(len(q1[0]))
+    index = np.flatnonzero(failed)
+    if len(index):
+        slow = _follow_in_substeps(path, tuple(qi[index] for qi in q), index)
+        fraction[index] = slow.fraction
+        for whole, part in zip(q1, slow.configuration, strict=True):
+            whole[index] = part
+        hessian = tuple(tuple(np.array(h, float) for h in row) for row in hessian)
+        for row, part_row in zip(hessian, slow.hessian, strict=True):
+            for whole, part in zip(row, part_row, strict=True):
+                whole[index] = part
+    return Followed(q1, hessian, fraction)
+
+
+def _follow_in_substeps(path: PathStatics, q: Components, index: np.ndarray) -> Followed:
+    n = len(index)
+    q = tuple(qi.copy() for qi in q)
+    t, dt = np.zeros(n), np.full(n, 0.5)
+    active = np.arange(n)
+    while len(active):
+        part = tuple(qi[active] for qi in q)
+        ahead = np.minimum(t[active] + dt[active], 1.0)
+        members = index[active]
+        found, _, failed = _newton(lambda p, ahead=ahead, members=members: path(p, ahead, members), part)
+        moved = active[~failed]
+        for whole, new in zip(q, found, strict=True):
+            whole[moved] = new[~failed]
+        t[moved] = ahead[~failed]
+        dt[active] *= np.where(failed, 0.5, 2.0)
+        active = active[(t[active] < 1.0) & (dt[active] > _SHORTEST_SUBSTEP)]
+    _, hessian = path(q, t, index)
+    return Followed(q, tuple(tuple(np.broadcast_to(h, (n,)) for h in row) for row in hessian), t)
+
+
+def settle(statics: Statics, start: Sequence[Component], limit: float) -> Equilibrium:
+    """The equilibrium that a mechanism at rest in `start` reaches when it is let go.
+
+    First by continuation: the force that would hold `start` is taken away gradually, and the equilibrium followed. Where that path
+    loses stability, by damped Newton steps down the energy, which the reason then says. A start that is itself an equilibrium, even an
+    unstable one, is returned.
+
+    Args:
+        statics: of the mechanism under its inputs and loads.
+        start: components, floats or arrays of shape (n,).
+        limit: |component| is at most this.
+    """
+    single = not is_batch(*start)
+    q0 = tuple(np.broadcast_arrays(*(np.atleast_1d(np.asarray(qi, float)) for qi in start)))
+    gradient, hessian = statics(q0)
+    n = len(np.broadcast_arrays(q0[0], *gradient)[0])
+    q0 = tuple(np.broadcast_to(qi, (n,)).copy() for qi in q0)
+    held = tuple(np.broadcast_to(g, (n,)).copy() for g in gradient)
+
+    def released(q: Any, t: Any, index: Any) -> tuple[Components, Hessian]:
+        if index is None:
+            return statics(q)
+        full = tuple(qi.copy() for qi in q0)  # the statics of a batch take the whole of it
+        for whole, part in zip(full, q, strict=True):
+            whole[index] = part
+        g, h = statics(full)
+        return (
+            tuple(np.broadcast_to(gi, (n,))[index] - (1 - t) * f[index] for gi, f in zip(g, held, strict=True)),
+            tuple(tuple(np.broadcast_to(hi, (n,))[index] for hi in row) for row in h),
+        )
+
+    followed = follow(released, q0)
+    q = tuple(np.array(qi) for qi in followed.configuration)
+    lost = followed.fraction < 1
+    if lost.any():
+        q = tuple(np.where(lost, d, qi) for d, qi in zip(_descend(statics, q, limit), q, strict=True))
+    balanced = _norm(held) <= 1e-9 * (1 + _scale(hessian))
+    q = tuple(np.where(balanced, q0i, qi) for q0i, qi in zip(q0, q, strict=True))
+    gradient, hessian = statics(q)
+    residual = np.broadcast_to(_norm(gradient), (n,))
+    _, pivot = solve_symmetric(hessian, gradient)
+    inside = np.logical_and.reduce([np.abs(qi) <= limit for qi in q])
+    converged = residual <= 1e-9 * (1 + _scale(hessian))
+    stable = converged & (pivot > 0) & inside
+    reasons = [
+        _reason(bool(inside[i]), bool(converged[i]), bool(np.broadcast_to(pivot > 0, (n,))[i]), bool(lost[i] & ~balanced[i]))
+        for i in range(n)
+    ]
+    if single:
+        return Equilibrium(tuple(float(qi[0]) for qi in q), float(residual[0]), bool(stable[0]), reasons[0])
+    return Equilibrium(q, residual, stable, reasons)
+
+
+def _reason(inside: bool, converged: bool, positive: bool, jumped: bool) -> str:
+    if not inside:
+        return "no equilibrium within the joint limits was reached from the start"
+    if not converged:
+        return "no equilibrium found: the energy keeps falling or the search did not converge"
+    if not positive:
+        return "an unstable equilibrium: the stiffness matrix is not positive definite"
+    if jumped:
+        return "stable; the path from the start lost its stability, and this equilibrium lies further down the energy"
+    return "stable; followed continuously from the start"
+
+
+def _descend(statics: Statics, q: Components, limit: float) -> Components:
+    """Damped Newton steps down the energy (pseudo-transient continuation: implicit Euler steps of a gradient flow)."""
+    n = len(q[0])
+    gradient, hessian = statics(q)
+    scale = _scale(hessian)
+    damping = np.broadcast_to(scale, (n,)).copy()
+    size = np.broadcast_to(_norm(gradient), (n,))
+    # On the ridge itself there is no way down: leave it along a fixed direction, so that the result is reproducible.
+    q = tuple(qi + 1e-6 * (1 + i) * (size < 1e-9 * (1 + scale)) for i, qi in enumerate(q))
+    for _ in range(400):
+        gradient, hessian = statics(q)
+        norm = np.broadcast_to(_norm(gradient), (n,))
+        damping = np.where(norm < size, damping * np.maximum(0.3, norm / np.maximum(size, 1e-300)), damping * 1.5)
+        shifted = damping
+        for _ in range(60):
+            moved = tuple(tuple(h + shifted * (i == j) for j, h in enumerate(row)) for i, row in enumerate(hessian))
+            step, pivot = solve_symmetric(moved, gradient)
+            if np.all(pivot > 0):
+                break
+            shifted = np.where(pivot > 0, shifted, 2 * shifted + 1e-3 * scale + 1e-12)
+        length = np.maximum.reduce([np.broadcast_to(np.abs(s), (n,)) for s in step])
+        shrink = np.minimum(1.0, 0.1 / np.maximum(length, 1e-300))
+        q = tuple(np.clip(qi - shrink * s, -1.01 * limit, 1.01 * limit) for qi, s in zip(q, step, strict=True))
+        size = norm
+        if np.all((length < 1e-13) | (norm == 0)):
+            break
+    return q
+
+
+def _norm(vector: Components) -> Any:
+    return np.sqrt(sum(v * v for v in vector))
+
+
+def _scale(hessian: Hessian) -> Any:
+    return np.maximum.reduce([np.abs(np.asarray(h, float)) + 0.0 for row in hessian for h in row])
+
+
+def find_all(statics: Statics, lower: Sequence[float], upper: Sequence[float], cells: int = 48) -> list[Equilibrium]:
+    """All equilibria strictly inside a box, stable and unstable, sorted by configuration.
+
+    Exclusion by subdivision: a cell is dropped where the linear bound of the gradient, widened by the sampled variation of the Hessian, says that it
+    has no zero; Newton's method starts from every cell that survives.
+
+    Args:
+        statics: for one set of inputs, on arrays of configurations.
+        lower: lower corner of the box.
+        upper: upper corner.
+        cells: initial cells along each component.
+    """
+    low, high = np.asarray(lower, float), np.asarray(upper, float)
+    half = (high - low) / (2 * cells)
+    axes = [np.linspace(a + h, b - h, cells) for a, b, h in zip(low, high, half, strict=True)]
+    centres = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
+    corners = np.array(list(product((-0.5, 0.5), repeat=len(low)))).T
+    roots: list[np.ndarray] = []
+    variation = None
+    for level in range(5):
+        gradient, hessian = _as_arrays(statics, centres)
+        if variation is None:  # largest change of each Hessian entry across a cell, sampled
+            shape = (len(low), len(low)) + (cells,) * len(low)
+            entries = hessian.reshape(shape)
+            variation = np.zeros(len(low))
+            for axis in range(len(low)):
+                jump = np.abs(np.diff(entries, axis=2 + axis)).max(axis=tuple(range(1, 2 + len(low))))
+                variation += jump
+        linear = np.einsum("ijn,j->in", np.abs(hessian), half)
+        curved = (variation * 2.0**-level)[:, None] * half.max() * 1.5
+        possible = np.all(np.abs(gradient) <= 1.2 * linear + curved, axis=0)
+        centres = centres[:, possible]
+        if level < 4:
+            centres = (centres[:, :, None] + (half[:, None] * corners)[:, None, :]).reshape(len(low), -1)
+            half = half / 2
+    roots = _polish(statics, centres, low, high)
+    results = []
+    for root in roots:
+        gradient, hessian = _as_arrays(statics, root[:, None])
+        smallest = float(np.linalg.eigvalsh(hessian[..., 0])[0])
+        results.append(
+            Equilibrium(
+                tuple(float(value) for value in root),
+                float(np.linalg.norm(gradient)),
+                smallest > 0,
+                "stable" if smallest > 0 else "unstable: the stiffness matrix is not positive definite",
+            )
+        )
+    return results
+
+
+def _as_arrays(statics: Statics, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    n = points.shape[1]
+    gradient, hessian = statics(tuple(points))
+    return (
+        np.stack([np.broadcast_to(g, (n,)) for g in gradient]),
+        np.stack([np.stack([np.broadcast_to(h, (n,)) for h in row]) for row in hessian]),
+    )
+
+
+def _polish(statics: Statics, points: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
+    """Newton's method from every point; the distinct zeros strictly inside the box."""
+    low, high = low[:, None], high[:, None]
+    for _ in range(40):
+        if not points.shape[1]:
+            return []
+        gradient, hessian = _as_arrays(statics, points)
+        scale = np.abs(hessian).max(axis=(0, 1)) + 1e-300
+        # Levenberg's damping, quadratically small in the gradient: finite where the Hessian is singular.
+        h = np.moveaxis(hessian, -1, 0)
+        damping = (np.abs(gradient).max(axis=0) / scale) ** 2 * scale**2 * 1e-3
+        normal = np.einsum("nij,nik->njk", h, h) + damping[:, None, None] * np.eye(len(low))
+        normal += 1e-30 * (scale**2)[:, None, None] * np.eye(len(low))
+        step = np.linalg.solve(normal, np.einsum("nij,in->nj", h, gradient)[..., None])[..., 0].T
+        length = np.abs(step).max(axis=0)
+        points = points - step * np.minimum(1.0, 0.2 / np.maximum(length, 1e-300))
+        inside = np.all((points > low - 0.5) & (points < high + 0.5), axis=0)
+        points, length = points[:, inside], length[inside]
+        if len(length) and length.max() < 1e-14:
+            break
+    gradient, hessian = _as_arrays(statics, points)
+    good = np.linalg.norm(gradient, axis=0) <= 1e-10 * (1 + np.abs(hessian).max(axis=(0, 1)))
+    good &= np.all((points > low + 1e-9) & (points < high - 1e-9), axis=0)
+    found: list[np.ndarray] = []
+    for point in points[:, good].T:
+        if not any(np.abs(point - other).max() < 1e-6 for other in found):
+            found.append(point)
+    return sorted(found, key=tuple)

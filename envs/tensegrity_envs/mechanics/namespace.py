@@ -1,0 +1,72 @@
+"""Where a component's arithmetic comes from: `math` for floats, NumPy for arrays, Torch for tensors.
+
+Every equation of this package is written once, on components (`alpha1, alpha2 = q`). A component is a float, a NumPy array
+or a Torch tensor; the three libraries spell `sin`, `cos`, `sqrt`, `atan2` alike, and this module supplies the few names that
+they do not share. Torch is never imported here: a tensor can only arrive when its caller has imported it.
+"""
+
+import math
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+# A float, a NumPy array or a Torch tensor. Arithmetic on it is the same in all three; no static type says that.
+Component = Any
+Components = tuple[Component, ...]
+
+_SCALAR = SimpleNamespace(
+    sin=math.sin,
+    cos=math.cos,
+    sqrt=math.sqrt,
+    atan2=math.atan2,
+    hypot=math.hypot,
+    minimum=min,
+    maximum=max,
+    where=lambda condition, a, b: a if condition else b,
+    isfinite=math.isfinite,
+)
+_TORCH: list[SimpleNamespace] = []
+
+
+def _torch_namespace() -> SimpleNamespace:
+    if not _TORCH:
+        torch = sys.modules["torch"]
+
+        def pairwise(function: Any) -> Any:
+            return lambda a, b: function(torch.as_tensor(a), torch.as_tensor(b))
+
+        _TORCH.append(
+            SimpleNamespace(
+                sin=torch.sin,
+                cos=torch.cos,
+                sqrt=torch.sqrt,
+                atan2=torch.atan2,
+                hypot=torch.hypot,
+                minimum=pairwise(torch.minimum),
+                maximum=pairwise(torch.maximum),
+                where=torch.where,
+                isfinite=torch.isfinite,
+            )
+        )
+    return _TORCH[0]
+
+
+def namespace_of(*components: Component) -> Any:
+    """The namespace for these components: Torch if any is a tensor, NumPy if any is an array, else `math`."""
+    found: Any = _SCALAR
+    for component in components:
+        kind = type(component)
+        if kind is float or kind is int:
+            continue
+        if isinstance(component, np.ndarray):
+            found = np
+        elif kind.__module__.startswith("torch"):
+            return _torch_namespace()
+    return found
+
+
+def is_batch(*components: Component) -> bool:
+    """Whether any of the components is an array or a tensor."""
+    return namespace_of(*components) is not _SCALAR

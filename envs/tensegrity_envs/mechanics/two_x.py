@@ -1,0 +1,721 @@
+"""The planar 2-X manipulator: two anti-parallelogram (X) joints in series, springs, four cables, optional offsets.
+
+Sources: [Furet2018] Furet and Wenger, "Workspace and cuspidality analysis of a 2-X planar manipulator", 2018;
+[Muralidharan2022] Muralidharan, "Stable wrench-feasible workspace of a 2-X tensegrity manipulator", 2022, hal-03670867.
+Where a printed equation is wrong the docstring says so; docs/two_x.md lists every correction.
+
+Conventions: alpha_i [rad] is the orientation of joint i's top bar relative to its base bar, counter-clockwise, so that
+alpha > 0 moves the tip towards -x. The crossed assembly is symmetric: the line between the midpoints of base and top bar is
+turned by theta_i = alpha_i / 2. On the full torus alpha runs over (-2 pi, 2 pi]; |alpha| < pi is the joint "up", beyond it "down".
+Tensions are ordered left 1, right 1, left 2, right 2. The cables of joint 2 are strut-routed, so they do no work on alpha_1.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_envs.mechanics import equilibrium as _equilibrium
+from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers
+from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
+
+_NO_LOAD = (0.0, 0.0)
+_FULL_TURN = 4 * math.pi  # of alpha, since theta = alpha / 2 runs once around
+_SCAN_POINTS = 97  # samples of alpha_1 in the inverse kinematics with offsets
+
+
+@dataclass(frozen=True)
+class TwoXDesign:
+    """Parameters of a 2-X manipulator. A field may be an array of shape (n,): a batch of designs.
+
+    Attributes:
+        b: length of base and top bars [m].
+        l: length of the crossed bars [m], l > b.
+        a: length of the offset after each joint [m], 0 for none.
+        k1: stiffness of *each* of joint 1's two springs (zero free length) [N/m].
+        k2: the same for joint 2 [N/m].
+        min_tension: lower bound of every cable tension [N].
+        max_tension: upper bound of every cable tension [N].
+        payload: point mass at the tip [kg].
+        bar_density: density of the bars [kg/m3].
+        bar_radius: radius of the bars, solid cylinders [m].
+        gravity: gravitational acceleration, towards -y [m/s2].
+        joint_limit: |alpha_i| is at most this [rad]; pi excludes the flat poses, 2 pi is the full torus.
+    """
+
+    b: Any
+    l: Any
+    a: Any
+    k1: Any
+    k2: Any
+    min_tension: Any
+    max_tension: Any
+    payload: Any = 0.0
+    bar_density: Any = 2700.0
+    bar_radius: Any = 0.005
+    gravity: Any = 9.8
+    joint_limit: float = math.pi
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            TypeError: a field is not a number.
+            ValueError: a field is outside its range; the message names field and value.
+        """
+        require_finite_numbers(self)
+        name = type(self).__name__
+        require(self.b > 0, name, "b", self.b, "positive")
+        require(self.l > self.b, name, "l", self.l, f"greater than b = {self.b!r} (else the X-joints cannot be assembled)")
+        for field in ("a", "k1", "k2", "min_tension", "payload", "bar_density", "gravity"):
+            require(getattr(self, field) >= 0, name, field, getattr(self, field), "zero or positive")
+        require(self.bar_radius > 0, name, "bar_radius", self.bar_radius, "positive")
+        require(
+            self.max_tension > self.min_tension,
+            name,
+            "max_tension",
+            self.max_tension,
+            f"greater than min_tension = {self.min_tension!r}",
+        )
+        if np.ndim(self.joint_limit):
+            raise TypeError(f"{name}.joint_limit = {self.joint_limit!r}: must be one number for the whole batch")
+        require(0 < self.joint_limit <= 2 * math.pi, name, "joint_limit", self.joint_limit, "in (0, 2 pi]")
+
+
+# [Muralidharan2022, section 5]. The paper prints neither density nor gravity; aluminium at 2700 kg/m3 and 9.8 m/s2
+# reproduce the one number that it prints, to all its digits.
+MURALIDHARAN2022 = TwoXDesign(b=0.05, l=0.10, a=0.20, k1=600.0, k2=300.0, min_tension=5.0, max_tension=155.0)
+
+
+def FURET2018(b: float, joint_limit: float = 2 * math.pi) -> TwoXDesign:  # noqa: N802  (a published design, named like one)
+    """The plain 2-X of [Furet2018]: L = 1 m, no offsets, purely kinematic (no springs, no masses), on the full torus.
+
+    Args:
+        b: length of base and top bars [m], below 1; the paper's examples are 2/5, 1/2, 2/3 and 9/10.
+        joint_limit: |alpha| <= joint_limit [rad]; figure 7 of the paper has 2 pi / 3.
+    """
+    return TwoXDesign(
+        b=b, l=1.0, a=0.0, k1=0.0, k2=0.0, min_tension=0.0, max_tension=1.0, bar_density=0.0, joint_limit=joint_limit
+    )
+
+
+class InverseSolution(NamedTuple):
+    """One solution of the inverse kinematics.
+
+    Attributes:
+        configuration: (alpha_1, alpha_2) [rad].
+        state: "U" (up, |alpha| < pi) or "D" (down) for each joint, such as "UD".
+        singularity: det J [m2]; its sign tells the aspect.
+        stability_margin: see `TwoX.stability_margin`.
+        wrench_margin: see `TwoX.wrench_margin`.
+        residual: distance of its forward kinematics from the target [m].
+    """
+
+    configuration: tuple[float, float]
+    state: str
+    singularity: float
+    stability_margin: float
+    wrench_margin: float
+    residual: float
+
+    @property
+    def is_stable_wrench_feasible(self) -> bool:
+        """Whether feasible tensions hold this configuration in stable equilibrium."""
+        return self.stability_margin > 0 and self.wrench_margin >= 0
+
+
+class _Joint(NamedTuple):
+    """Half-angle sine and cosine of a joint, the distance r between its bars' midpoints, and r's derivatives in alpha."""
+
+    s: Component
+    c: Component
+    r: Component
+    dr: Component
+    ddr: Component
+
+
+class TwoX:
+    """The 2-X manipulator of one design, or of a batch of designs.
+
+    A configuration is q = (alpha_1, alpha_2) [rad], tensions are (left 1, right 1, left 2, right 2) [N], `load` is a dead force at
+    the tip (fx, fy) [N] in world axes, besides gravity. Components are floats, NumPy arrays or Torch tensors of any
+    (broadcastable) shape.
+    """
+
+    degrees_of_freedom = 2
+    input_names = ("left 1", "right 1", "left 2", "right 2")
+
+    def __init__(self, design: TwoXDesign = MURALIDHARAN2022) -> None:
+        self.design = design
+        b, l, a, g = design.b, design.l, design.a, design.gravity
+        half = (a * a + b * b / 4) ** 0.5
+        brace = (a * a + b * b) ** 0.5
+        line = design.bar_density * math.pi * design.bar_radius**2  # mass per length [kg/m]
+        self._lengths = (l, l, b, a, brace, a, b, l, l, b, half, half)  # [Muralidharan2022, figure 2]
+        m = [line * length for length in self._lengths]
+        # Gravity's energy is a sum of weights times the heights of four vectors: base to top of joint 1, its offset, base to
+        # top of joint 2, its offset (see `_statics`).
+        beyond_2 = m[9] + m[10] + m[11] + design.payload  # carried by the top of joint 2
+        beyond_1 = m[6] + m[7] + m[8] + beyond_2  # carried by the end of offset 1
+        self._w1 = g * ((m[0] + m[1]) / 2 + m[2] + m[3] + m[4] + m[5] + beyond_1)
+        self._h1 = g * ((m[3] + m[4] + m[5]) / 2 + beyond_1)
+        self._w2 = g * ((m[7] + m[8]) / 2 + beyond_2)
+        self._h2 = g * ((m[10] + m[11]) / 2 + design.payload)
+        self._masses = m
+        self._bb = b * b
+        self._excess = (l - b) * (l + b)
+        self._spring1 = design.k1 * b * b
+        self._spring2 = design.k2 * b * b
+        springless = np.all(np.asarray(design.k1) == 0)
+        self.stiffness_scale = design.max_tension * b if springless else self._spring1  # [N m/rad]
+        # The one component that tells floats from arrays when a batch of designs meets a single configuration.
+        self._probe: Component = sum(
+            value for value in vars(design).values() if isinstance(value, np.ndarray)
+        )  # 0 for a single design
+
+    # ------------------------------------------------------------------------------------------------ geometry
+
+    @property
+    def reach(self) -> Any:
+        """An upper bound of the tip's distance from the base [m]."""
+        return 2 * (self.design.l + self.design.a)
+
+    def _joint(self, xp: Any, alpha: Component) -> _Joint:
+        s, c = xp.sin(alpha / 2), xp.cos(alpha / 2)
+        bb = self._bb
+        r = xp.sqrt(self._excess + bb * s * s)  # = sqrt(l^2 - b^2 c^2) without its cancellation for l close to b
+        dr = bb * s * c / (2 * r)
+        return _Joint(s, c, r, dr, (bb * (c * c - s * s) / 4 - dr * dr) / r)
+
+    def _xp(self, *components: Component) -> Any:
+        return namespace_of(self._probe, *components)
+
+    def tip(self, q: Sequence[Component]) -> tuple[Component, Component]:
+        """Tip position (x, y) [m], [Muralidharan2022, Eq. 1]."""
+        xp = self._xp(*q)
+        a1, a2 = q
+        j1, j2 = self._joint(xp, a1), self._joint(xp, a2)
+        middle, end, a = a1 + a2 / 2, a1 + a2, self.design.a
+        return (
+            -(j1.r * j1.s + a * xp.sin(a1) + j2.r * xp.sin(middle) + a * xp.sin(end)),
+            j1.r * j1.c + a * xp.cos(a1) + j2.r * xp.cos(middle) + a * xp.cos(end),
+        )
+
+    def jacobian(self, q: Sequence[Component]) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
+        """d tip / d alpha [m/rad]: ((dx/da1, dx/da2), (dy/da1, dy/da2))."""
+        xp = self._xp(*q)
+        a1, a2 = q
+        j1, j2 = self._joint(xp, a1), self._joint(xp, a2)
+        a = self.design.a
+        s12, c12 = xp.sin(a1 + a2 / 2), xp.cos(a1 + a2 / 2)
+        end_s, end_c = a * xp.sin(a1 + a2), a * xp.cos(a1 + a2)
+        return (
+            (
+                -(j1.dr * j1.s + j1.r * j1.c / 2 + a * xp.cos(a1) + j2.r * c12 + end_c),
+                -(j2.dr * s12 + j2.r * c12 / 2 + end_c),
+            ),
+            (
+                j1.dr * j1.c - j1.r * j1.s / 2 - a * xp.sin(a1) - j2.r * s12 - end_s,
+                j2.dr * c12 - j2.r * s12 / 2 - end_s,
+            ),
+        )
+
+    def singularity(self, q: Sequence[Component]) -> Component:
+        """det J with respect to alpha [m2/rad2]; zero where the inverse solutions meet.
+
+        Equal to [Muralidharan2022, Eq. 3] divided by 4 l_1 l_2, once the radical of its first term is read in alpha_1.
+        """
+        (xa, xb), (ya, yb) = self.jacobian(q)
+        return xa * yb - xb * ya
+
+    def nodes(self, q: Sequence[Component]) -> dict[str, tuple[Component, Component]]:
+        """Positions (x, y) [m] of the nodes: Ai, Bi base left and right, Di, Ci top left and right of joint i, P the tip."""
+        xp = self._xp(*q)
+        a1, a2 = q
+        a, half = self.design.a, self.design.b / 2
+        zero = 0.0 * (a1 + a2)
+        nodes: dict[str, tuple[Component, Component]] = {}
+        x, y, turn = zero, zero, zero
+        for i, alpha in ((1, a1), (2, a2)):
+            joint = self._joint(xp, alpha)
+            cos, sin = half * xp.cos(turn), half * xp.sin(turn)
+            nodes[f"A{i}"], nodes[f"B{i}"] = (x - cos, y - sin), (x + cos, y + sin)
+            x, y = x - joint.r * xp.sin(turn + alpha / 2), y + joint.r * xp.cos(turn + alpha / 2)
+            turn = turn + alpha
+            cos, sin = half * xp.cos(turn), half * xp.sin(turn)
+            nodes[f"D{i}"], nodes[f"C{i}"] = (x - cos, y - sin), (x + cos, y + sin)
+            x, y = x - a * xp.sin(turn), y + a * xp.cos(turn)
+        nodes["P"] = (x, y)
+        return nodes
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """Bars with their masses, springs and cables (drawn along the lateral sides that they span)."""
+        ends = ("A1 C1", "B1 D1", "D1 C1", "D1 A2", "D1 B2", "C1 B2", "A2 B2", "A2 C2", "B2 D2", "D2 C2", "D2 P", "C2 P")
+        sides = (("left 1", "A1 D1"), ("right 1", "B1 C1"), ("left 2", "A2 D2"), ("right 2", "B2 C2"))
+
+        def pair(text: str) -> tuple[str, str]:
+            first, second = text.split()
+            return first, second
+
+        bars = [
+            Member(f"bar {i + 1}", "bar", pair(text), mass=self._masses[i], radius=self.design.bar_radius)
+            for i, text in enumerate(ends)
+        ]
+        springs = [
+            Member(f"spring {name}", "spring", pair(text), stiffness=self.design.k1 if i < 2 else self.design.k2)
+            for i, (name, text) in enumerate(sides)
+        ]
+        return (*bars, *springs, *(Member(f"cable {name}", "cable", pair(text)) for name, text in sides))
+
+    def cable_lengths(self, q: Sequence[Component]) -> Components:
+        """Lengths of the lateral sides (left 1, right 1, left 2, right 2) [m]: what cables and springs span.
+
+        left * right = l^2 - b^2, so the shorter one is taken from the longer one: accurate close to the flat poses.
+        """
+        xp = self._xp(*q)
+        sides: list[Component] = []
+        for alpha in q:
+            joint = self._joint(xp, alpha)
+            longer = joint.r + self.design.b * abs(joint.s)
+            shorter = self._excess / longer
+            sides += [xp.where(joint.s > 0, shorter, longer), xp.where(joint.s > 0, longer, shorter)]
+        return tuple(sides)
+
+    # ------------------------------------------------------------------------------------------------- statics
+
+    def potential_energy(
+        self, q: Sequence[Component], tensions: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> Component:
+        """Potential energy [J] of gravity, springs, cables and load, [Muralidharan2022, Eq. 4]; zero height is the base."""
+        xp = self._xp(*q, *tensions, *load)
+        a1, a2 = q
+        j1, j2 = self._joint(xp, a1), self._joint(xp, a2)
+        fx, fy = load
+        a, ll = self.design.a, self.design.l * self.design.l
+        k1, k2, bb = self.design.k1, self.design.k2, self._bb
+        l1, r1, l2, r2 = self.cable_lengths(q)
+        gravity_and_load = (
+            j1.r * (fx * j1.s + (self._w1 - fy) * j1.c)
+            + a * (fx * xp.sin(a1) + (self._h1 - fy) * xp.cos(a1))
+            + j2.r * (fx * xp.sin(a1 + a2 / 2) + (self._w2 - fy) * xp.cos(a1 + a2 / 2))
+            + a * (fx * xp.sin(a1 + a2) + (self._h2 - fy) * xp.cos(a1 + a2))
+        )
+        springs = k1 * (ll - bb * xp.cos(a1)) + k2 * (ll - bb * xp.cos(a2))
+        return gravity_and_load + springs + tensions[0] * l1 + tensions[1] * r1 + tensions[2] * l2 + tensions[3] * r2
+
+    def _passive(self, q: Sequence[Component], load: Sequence[Component]) -> tuple[Component, ...]:
+        """Joints, then gradient [N m] and Hessian [N m/rad] of the energy without cables: (j1, j2, g1, g2, h11, h12, h22)."""
+        xp = self._xp(*q, *load)
+        a1, a2 = q
+        j1, j2 = self._joint(xp, a1), self._joint(xp, a2)
+        s1, c1, r1, dr1, ddr1 = j1
+        s2, c2, r2, dr2, ddr2 = j2
+        fx, fy = load
+        a = self.design.a
+        sin_a1, cos_a1, sin_a2, cos_a2 = 2 * s1 * c1, c1 * c1 - s1 * s1, 2 * s2 * c2, c2 * c2 - s2 * s2
+        s12, c12 = sin_a1 * c2 + cos_a1 * s2, cos_a1 * c2 - sin_a1 * s2
+        end_s, end_c = sin_a1 * cos_a2 + cos_a1 * sin_a2, cos_a1 * cos_a2 - sin_a1 * sin_a2
+        # Each of the four vectors of the chain contributes p = fx sin(phi) + w cos(phi) times its length; d = dp/dphi.
+        w1, h1, w2, h2 = self._w1 - fy, a * (self._h1 - fy), self._w2 - fy, a * (self._h2 - fy)
+        fa = a * fx
+        p1, d1 = fx * s1 + w1 * c1, fx * c1 - w1 * s1
+        p2, d2 = fa * sin_a1 + h1 * cos_a1, fa * cos_a1 - h1 * sin_a1
+        p3, d3 = fx * s12 + w2 * c12, fx * c12 - w2 * s12
+        p4, d4 = fa * end_s + h2 * end_c, fa * end_c - h2 * end_s
+        r2p3, r2d3 = r2 * p3, r2 * d3
+        return (
+            j1,
+            j2,
+            dr1 * p1 + r1 * d1 / 2 + d2 + r2d3 + d4 + self._spring1 * sin_a1,
+            dr2 * p3 + r2d3 / 2 + d4 + self._spring2 * sin_a2,
+            (ddr1 - r1 / 4) * p1 + dr1 * d1 - p2 - r2p3 - p4 + self._spring1 * cos_a1,
+            dr2 * d3 - r2p3 / 2 - p4,
+            ddr2 * p3 + dr2 * d3 - r2p3 / 4 - p4 + self._spring2 * cos_a2,
+        )
+
+    def statics(
+        self, q: Sequence[Component], tensions: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> tuple[Components, tuple[Components, ...]]:
+        """Gradient and Hessian of the potential energy in one evaluation: (g1, g2), ((h11, h12), (h12, h22))."""
+        j1, j2, g1, g2, h11, h12, h22 = self._passive(q, load)
+        b = self.design.b
+        left1, right1, left2, right2 = tensions
+        sum1, pull1, sum2, pull2 = left1 + right1, (right1 - left1) * b / 2, left2 + right2, (right2 - left2) * b / 2
+        h11 = h11 + sum1 * j1.ddr - pull1 * j1.s / 2
+        h22 = h22 + sum2 * j2.ddr - pull2 * j2.s / 2
+        gradient = (g1 + sum1 * j1.dr + pull1 * j1.c, g2 + sum2 * j2.dr + pull2 * j2.c)
+        return gradient, ((h11, h12), (h12, h22))
+
+    def energy_gradient(
+        self, q: Sequence[Component], tensions: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> Components:
+        """dU/dalpha [N m], both zero in equilibrium.
+
+        [Muralidharan2022, Eqs. 5-6] hold twice these (G - Gamma), with sin(alpha_1 + alpha_2/2) in G_1, where Eq. 6 misprints it.
+        """
+        return self.statics(q, tensions, load)[0]
+
+    def stiffness_matrix(
+        self, q: Sequence[Component], tensions: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> tuple[Components, ...]:
+        """Hessian of the potential energy [N m/rad], ((h11, h12), (h12, h22)); positive definite where stable.
+
+        [Muralidharan2022, Eqs. 8-11] print four times this matrix.
+        """
+        return self.statics(q, tensions, load)[1]
+
+    def _stiffest(
+        self, q: Sequence[Component], load: Sequence[Component]
+    ) -> tuple[Components, tuple[Component, Component, Component]]:
+        j1, j2, g1, g2, h11, h12, h22 = self._passive(q, load)
+        b, top = self.design.b, self.design.max_tension
+        xp = self._xp(*q, *load, g1)
+        tensions: list[Component] = []
+        diagonal: list[Component] = []
+        for joint, g, h in ((j1, g1, h11), (j2, g2, h22)):
+            # Equilibrium of a joint: F_left * left - F_right * right = moment, where moment = 2 r g / (b cos(alpha/2)).
+            moment = 2 * joint.r * g / (b * joint.c)
+            longer = joint.r + b * abs(joint.s)
+            shorter = self._excess / longer
+            left = xp.where(joint.s > 0, shorter, longer)
+            right = xp.where(joint.s > 0, longer, shorter)
+            other_right = (top * left - moment) / right  # with F_left at the maximum
+            other_left = (top * right + moment) / left  # with F_right at the maximum
+            is_left_max = other_right <= top
+            f_left = xp.where(is_left_max, top, other_left)
+            f_right = xp.where(is_left_max, other_right, top)
+            tensions += [f_left, f_right]
+            diagonal.append(h + (f_left + f_right) * joint.ddr - (f_right - f_left) * b * joint.s / 4)
+        return tuple(tensions), (diagonal[0], h12, diagonal[1])
+
+    def stiffest_tensions(self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD) -> Components:
+        """The tensions (left 1, right 1, left 2, right 2) [N] of greatest stiffness that hold q in equilibrium.
+
+        For each joint the larger tension is max_tension [Muralidharan2022, section 2]; the other one follows from equilibrium and is
+        not clipped: below min_tension it says that q is not wrench-feasible. Close to the flat poses, where a cable has no moment
+        arm, it grows without bound.
+        """
+        return self._stiffest(q, load)[0]
+
+    def posture(self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD) -> tuple[Components, Component, Component]:
+        """Stiffest tensions, stability margin and wrench margin of q in one evaluation."""
+        tensions, (h11, h12, h22) = self._stiffest(q, load)
+        xp = self._xp(h11)
+        lowest = xp.minimum(xp.minimum(tensions[0], tensions[1]), xp.minimum(tensions[2], tensions[3]))
+        return (
+            tensions,
+            smallest_eigenvalue(h11, h12, h22, xp) / self.stiffness_scale,
+            (lowest - self.design.min_tension) / self.design.max_tension,
+        )
+
+    def wrench_margin(
+        self, q: Sequence[Component], tensions: Sequence[Component] | None = None, load: Sequence[Component] = _NO_LOAD
+    ) -> Component:
+        """Distance of the tensions to their bounds, divided by max_tension [-]; positive inside.
+
+        Without `tensions`: of the stiffest ones, to the lower bound (they are at the upper one), so that it is >= 0 exactly where q is
+        wrench-feasible. With `tensions`: of those, to the nearer of both bounds.
+        """
+        if tensions is None:
+            return self.posture(q, load)[2]
+        xp = self._xp(*q, *tensions)
+        low, high = self.design.min_tension, self.design.max_tension
+        slack = [xp.minimum(f - low, high - f) for f in tensions]
+        return xp.minimum(xp.minimum(slack[0], slack[1]), xp.minimum(slack[2], slack[3])) / high
+
+    def stability_margin(
+        self, q: Sequence[Component], tensions: Sequence[Component] | None = None, load: Sequence[Component] = _NO_LOAD
+    ) -> Component:
+        """Smallest eigenvalue of the stiffness matrix divided by k1 b^2 (by max_tension b without springs) [-].
+
+        Without `tensions`: at the stiffest ones, which is the best that can be had in this configuration.
+        """
+        if tensions is None:
+            return self.posture(q, load)[1]
+        (h11, h12), (_, h22) = self.stiffness_matrix(q, tensions, load)
+        return smallest_eigenvalue(h11, h12, h22, self._xp(h11)) / self.stiffness_scale
+
+    def is_stable_wrench_feasible(self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD) -> Component:
+        """Whether q is in the stable wrench-feasible joint space (SWFJ), joint limits included."""
+        _, stability, wrench = self.posture(q, load)
+        return (stability > 0) & (wrench >= 0) & self.is_within_limits(q)
+
+    def is_within_limits(self, q: Sequence[Component]) -> Component:
+        """Whether both joints are within the joint limits."""
+        limit = self.design.joint_limit
+        return (abs(q[0]) <= limit) & (abs(q[1]) <= limit)
+
+    def equilibrium(
+        self, tensions: Sequence[Component], start: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> _equilibrium.Equilibrium:
+        """The equilibrium that the arm reaches from `start` under these tensions, see `equilibrium.settle`.
+
+        Args:
+            tensions: (left 1, right 1, left 2, right 2) [N], each a float or an array of shape (n,).
+            start: (alpha_1, alpha_2) [rad].
+            load: (fx, fy) [N].
+
+        Returns:
+            Configuration [rad], residual [N m], is_stable, and the reason in words.
+
+        Raises:
+            ValueError: a number is NaN or infinite, or there are not four tensions and two angles.
+        """
+        _check_finite("tensions", tensions, 4)
+        _check_finite("start", start, 2)
+        _check_finite("load", load, 2)
+        return _equilibrium.settle(lambda q: self.statics(q, tensions, load), start, self.design.joint_limit)
+
+    def equilibria(
+        self, tensions: Sequence[float], load: Sequence[float] = _NO_LOAD
+    ) -> list[_equilibrium.Equilibrium]:
+        """All equilibria within the joint limits (flat poses excluded), stable and unstable, sorted by configuration.
+
+        Raises:
+            ValueError: a number is NaN or infinite, or there are not four tensions.
+        """
+        _check_finite("tensions", tensions, 4)
+        _check_finite("load", load, 2)
+        limit = self.design.joint_limit
+        return _equilibrium.find_all(lambda q: self.statics(q, tensions, load), (-limit, -limit), (limit, limit))
+
+    # ---------------------------------------------------------------------------------------- inverse kinematics
+
+    def inverse_kinematics(self, x: float, y: float) -> list[InverseSolution]:
+        """All configurations within the joint limits whose tip is at (x, y) [m], in the crossed assembly, sorted by alpha_1.
+
+        Without offsets: the quartic of [Furet2018, Eqs. 3-8]; its real roots are candidates only (on one curve a double root is no
+        configuration at all), so each is polished and verified by forward kinematics. With offsets: a one-dimensional search.
+
+        Returns:
+            The solutions, an empty list where the target is out of reach.
+
+        Raises:
+            ValueError: x or y is not a finite number, or (without offsets) the target is the base itself, which every
+                configuration with alpha_1 + alpha_2 = +-2 pi reaches.
+        """
+        _check_finite("target", (x, y), 2)
+        owner, found, residual = self._inverse(np.array([float(x)]), np.array([float(y)]))
+        if not len(owner):
+            return []
+        _, stability, wrench = self.posture(found)
+        determinant = self.singularity(found)
+        return [
+            InverseSolution(
+                (float(found[0][i]), float(found[1][i])),
+                "".join("U" if abs(alpha[i]) < math.pi else "D" for alpha in found),
+                float(determinant[i]),
+                float(stability[i]),
+                float(wrench[i]),
+                float(residual[i]),
+            )
+            for i in range(len(owner))
+        ]
+
+    def inverse_kinematics_batch(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All inverse solutions of many targets, as `inverse_kinematics` finds them.
+
+        Args:
+            x: shape (n,) [m].
+            y: shape (n,) [m].
+
+        Returns:
+            alpha_1 and alpha_2, each of shape (n, m) [rad], m the largest number of solutions, padded with NaN.
+        """
+        owner, found, _ = self._inverse(np.asarray(x, float), np.asarray(y, float))
+        counts = np.bincount(owner, minlength=len(x))
+        column = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+        tables = np.full((2, len(x), max(int(counts.max(initial=0)), 1)), np.nan)
+        for table, alpha in zip(tables, found, strict=True):
+            table[owner, column] = alpha
+        return tables[0], tables[1]
+
+    def _inverse(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray]:
+        """Candidates, polished and verified: index of the target, configuration and residual of every solution."""
+        if any(isinstance(value, np.ndarray) for value in (self.design.a, self.design.b, self.design.l)):
+            raise ValueError("inverse kinematics takes one set of bar lengths, not a batch of them")
+        owner, a1, a2 = self._quartic_candidates(x, y) if self.design.a == 0 else self._scan_candidates(x, y)
+        a1, a2 = self._polish(x[owner], y[owner], a1, a2)
+        a1, a2 = (2 * math.pi - (2 * math.pi - alpha) % _FULL_TURN for alpha in (a1, a2))  # into (-2 pi, 2 pi]
+        px, py = self.tip((a1, a2))
+        residual = np.hypot(px - x[owner], py - y[owner])
+        keep = (residual < 1e-10 * self.reach) & self.is_within_limits((a1, a2))
+        order = np.lexsort((a2[keep], a1[keep], owner[keep]))
+        owner, a1, a2, residual = (values[keep][order] for values in (owner, a1, a2, residual))
+        # Candidates that arrived at the same solution differ by rounding, sqrt(eps) at a double root.
+        new = np.ones(len(owner), bool)
+        for lag in range(1, 5):
+            gap = _angle_gap(a1[lag:], a1[:-lag]) + _angle_gap(a2[lag:], a2[:-lag])
+            new[lag:] &= (owner[lag:] != owner[:-lag]) | (gap > 1e-6)
+        return owner[new], (a1[new], a2[new]), residual[new]
+
+    def _polish(self, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Damped Newton steps from every candidate to its target; those that do not converge are left where they are."""
+        a1, a2 = a1.copy(), a2.copy()
+        active = np.arange(len(a1))
+        size = self.reach
+        for _ in range(25):
+            q = (a1[active], a2[active])
+            px, py = self.tip(q)
+            ex, ey = px - x[active], py - y[active]
+            (xa, xb), (ya, yb) = self.jacobian(q)
+            # Levenberg's damping, quadratically small in the error: Newton's speed, yet finite steps where det J is 0.
+            damping = 1e-3 * (ex * ex + ey * ey) / size**2
+            m11, m12, m22 = xa * xa + ya * ya + damping, xa * xb + ya * yb, xb * xb + yb * yb + damping
+            v1, v2 = xa * ex + ya * ey, xb * ex + yb * ey
+            det = xa * yb - xb * ya
+            det = det * det + damping * (m11 + m22 - damping) + 1e-300
+            step1, step2 = (m22 * v1 - m12 * v2) / det, (m11 * v2 - m12 * v1) / det
+            length = np.hypot(step1, step2)
+            shrink = 0.3 / np.maximum(0.3, length)
+            a1[active], a2[active] = q[0] - shrink * step1, q[1] - shrink * step2
+            active = active[length > 1e-11]
+            if not len(active):
+                break
+        return a1, a2
+
+    def _quartic_candidates(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        b = self.design.b / self.design.l
+        owner: list[int] = []
+        a1: list[float] = []
+        for i, (xi, yi) in enumerate(zip(x / self.design.l, y / self.design.l, strict=True)):
+            if math.hypot(xi, yi) < 1e-12:
+                raise ValueError(
+                    f"target ({x[i]!r}, {y[i]!r}) is the base: every configuration with alpha_1 + alpha_2 = +-2 pi reaches it"
+                )
+            quartic = furet_quartic(xi, yi, b)
+            # The reversed polynomial keeps the roots close to t = infinity (joint 1 flat) accurate.
+            roots = [2 * np.arctan(t) for t in _nearly_real_roots(quartic)]
+            roots += [2 * np.arctan2(1.0, t) for t in _nearly_real_roots(quartic[::-1])]
+            for phi in roots:
+                owner.append(i)
+                a1.append(2 * math.atan2(b - math.cos(phi), math.sin(phi)))
+        owners, alpha1 = np.array(owner, int), np.array(a1)
+        dx, dy, _ = self._beyond_joint_1(x[owners], y[owners], alpha1)
+        return owners, alpha1, 2 * np.arctan2(-dx, dy)
+
+    def _beyond_joint_1(
+        self, x: np.ndarray, y: np.ndarray, a1: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The target seen from the base of joint 2, in that base's axes, and its distance squared."""
+        joint = self._joint(np, a1)
+        sin, cos = 2 * joint.s * joint.c, joint.c**2 - joint.s**2
+        dx = x + joint.r * joint.s + self.design.a * sin
+        dy = y - joint.r * joint.c - self.design.a * cos
+        return cos * dx + sin * dy, cos * dy - sin * dx, dx * dx + dy * dy
+
+    def _alignment(
+        self, x: np.ndarray, y: np.ndarray, a1: np.ndarray, sign: Any
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What is left of the inverse kinematics with offsets once alpha_2 is eliminated: (f, alpha_2, whether real).
+
+        Given alpha_1 the distance from the base of joint 2 to the target fixes c = cos(alpha_2/2) by a quadratic in c^2 (`sign` tells its root),
+        and f = 0 says that the target's component along the base's normal is right. f is smooth through alpha_2 = 0, where c passes 1.
+        """
+        a, b, l = self.design.a, self.design.b, self.design.l
+        d_x, d_y, d_squared = self._beyond_joint_1(x, y, a1)
+        k = d_squared - a * a - l * l
+        lead = b**4 + 4 * a * a * b * b
+        middle = 2 * a * a * l * l - k * b * b
+        discriminant = middle * middle - lead * k * k
+        real = (discriminant >= 0) & (middle >= 0)
+        z = (middle + sign * np.sqrt(np.where(real, discriminant, 0.0))) / lead
+        real = real & (b * b * z < l * l) & (z >= 0)
+        z = np.where(real, z, 0.0)
+        c = np.where(k + b * b * z < 0, -1.0, 1.0) * np.sqrt(z)  # the sign is lost in squaring
+        r = np.sqrt(l * l - b * b * z)
+        half_turn = np.where(d_x * (r + 2 * a * c) > 0, -1.0, 1.0) * np.arccos(np.clip(c, -1.0, 1.0))
+        return d_y - r * c - a * (2 * z - 1), 2 * half_turn, real
+
+    def _scan_candidates(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A starting point close to every solution, from samples of alpha_1 that are refined where two roots may hide."""
+        limit = self.design.joint_limit
+        points = _SCAN_POINTS if limit <= math.pi else 2 * _SCAN_POINTS
+        candidates: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        for sign in (1.0, -1.0):
+            owner = np.arange(len(x))
+            grid = np.linspace(-limit, limit, points)[None]
+            for _ in range(4):
+                f, a2, real = self._alignment(x[owner, None], y[owner, None], grid, sign)
+                grid = np.broadcast_to(grid, f.shape)
+                pair = real[:, :-1] & real[:, 1:]
+                row, left = np.nonzero(pair & (f[:, :-1] * f[:, 1:] <= 0))
+                candidates.append(self._bisect(x, y, owner[row], grid[row, left], grid[row, left + 1], f[row, left], sign))
+                # Next to where the quadratic has no real root, a root of f may lie beyond the last real sample.
+                edge = np.zeros(real.shape, bool)
+                edge[:, 1:] |= real[:, 1:] & ~real[:, :-1]
+                edge[:, :-1] |= real[:, :-1] & ~real[:, 1:]
+                row, left = np.nonzero(edge)
+                candidates.append((owner[row], grid[row, left], a2[row, left]))
+                # A dip towards zero between samples of one sign may hide two roots: look closer.
+                bend = np.abs(f[:, 2:] + f[:, :-2] - 2 * f[:, 1:-1])
+                size = np.abs(f)
+                dip = (size[:, 1:-1] <= np.minimum(size[:, :-2], size[:, 2:])) & (size[:, 1:-1] <= bend)
+                row, left = np.nonzero(dip & pair[:, :-1] & pair[:, 1:])
+                owner, low, high = owner[row], grid[row, left], grid[row, left + 2]
+                grid = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, 17)
+                if not len(owner):
+                    break
+            for side in (grid[:, 0], grid[:, -1]):  # roots still hiding: Newton's method from both sides
+                if len(owner):
+                    candidates.append((owner, side, self._alignment(x[owner], y[owner], side, sign)[1]))
+        owners, starts1, starts2 = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
+        return owners, starts1, starts2
+
+    def _bisect(
+        self, x: np.ndarray, y: np.ndarray, owner: np.ndarray, low: np.ndarray, high: np.ndarray, f_low: np.ndarray, sign: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Narrow brackets of a sign change; Newton's method in both angles, which follows, needs only a good start."""
+        a1, a2 = low, low
+        for _ in range(9 if len(owner) else 0):
+            a1 = (low + high) / 2
+            f, a2, _ = self._alignment(x[owner], y[owner], a1, sign)
+            same = f * f_low > 0
+            low, high = np.where(same, a1, low), np.where(same, high, a1)
+        return owner, a1, a2
+
+
+def smallest_eigenvalue(h11: Component, h12: Component, h22: Component, xp: Any) -> Component:
+    """Smallest eigenvalue of a symmetric 2 x 2 matrix."""
+    half = (h11 - h22) / 2
+    return (h11 + h22) / 2 - xp.sqrt(half * half + h12 * h12)
+
+
+def furet_quartic(x: float, y: float, b: float) -> np.ndarray:
+    """Coefficients a4 ... a0 of [Furet2018, Eqs. 4-8] in t = tan(phi_1/2), for L = 1.
+
+    phi_1, which the paper does not define, is the orientation of the long bar from the left base pivot to the top right one.
+    """
+    xx, yy, bb = x * x, y * y, b * b
+    rr = (xx + yy) ** 2
+    return np.array(
+        [
+            (b + 1) ** 2 * (bb * yy + rr + 4 * x * (xx + yy) + 5 * xx + yy + 2 * x),
+            4 * y * (b + 1) * (2 * bb * x + bb - 2 * xx - 2 * yy - 4 * x - 1),
+            2 * (bb * bb * yy + bb * rr + bb * xx - 10 * bb * yy + rr - 3 * xx + 9 * yy),
+            4 * y * (b - 1) * (2 * bb * x - bb + 2 * xx + 2 * yy - 4 * x + 1),
+            (b - 1) ** 2 * (bb * yy + rr - 4 * x * (xx + yy) + 5 * xx + yy - 2 * x),
+        ]
+    )
+
+
+def _nearly_real_roots(coefficients: np.ndarray) -> np.ndarray:
+    roots = np.roots(coefficients)
+    # A double root comes out as a pair whose imaginary parts are of the order of sqrt(eps); forward kinematics decides.
+    return np.asarray(roots.real[np.abs(roots.imag) < 1e-3 * (1 + np.abs(roots))])
+
+
+def _angle_gap(first: Any, second: Any) -> Any:
+    gap = np.abs(first - second) % _FULL_TURN
+    return np.minimum(gap, _FULL_TURN - gap)
+
+
+def _check_finite(name: str, values: Sequence[Component], count: int) -> None:
+    if len(values) != count:
+        raise ValueError(f"{name}: {count} numbers expected, got {len(values)}: {values!r}")
+    for value in values:
+        if not np.all(np.isfinite(np.asarray(value, float))):
+            raise ValueError(f"{name} = {values!r}: must be finite numbers")
