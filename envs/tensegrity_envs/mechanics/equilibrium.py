@@ -17,11 +17,12 @@ Statics = Callable[[Any], tuple[Components, Hessian]]
 # (configuration, path parameter in [0, 1], indices into the batch or None for all of it at parameter 1) -> gradient, Hessian
 PathStatics = Callable[[Any, Any, Any], tuple[Components, Hessian]]
 
-_CONVERGED = 1e-10  # last Newton step [rad or m]; the error that it leaves is its square
-_ITERATIONS = 10
+_CONVERGED = 1e-6  # last Newton step [rad or m]; the error that it leaves is of the order of its square
+_ITERATIONS = 6
 _CONTRACTION = 0.25  # a Newton step longer than this times the one before: too far from the path
-_FIRST_STEP = 0.4  # longest first step of a sub-step [rad or m]
-_SHORTEST_SUBSTEP = 2.0**-12
+_FIRST_STEP = 0.8  # longest first step of a sub-step [rad or m]
+_SECTIONS = 16
+_SHORTEST_SUBSTEP = 2.0**-8
 
 
 class Equilibrium(NamedTuple):
@@ -38,14 +39,6 @@ class Equilibrium(NamedTuple):
     residual: Component
     is_stable: Component
     reason: Any
-
-
-class Followed(NamedTuple):
-    """Result of `follow`: configuration and Hessian at the last stable point, the fraction of the path that was covered."""
-
-    configuration: Components
-    hessian: Hessian
-    fraction: Component
 
 
 def solve_symmetric(matrix: Hessian, right: Components) -> tuple[Components, Component]:
@@ -83,15 +76,16 @@ def solve_symmetric(matrix: Hessian, right: Components) -> tuple[Components, Com
     return tuple(x), smallest
 
 
-def _newton(statics: Statics, q: Components) -> tuple[Components, Hessian, Component]:
-    """Newton's method inside a region where the energy is convex: (configuration, Hessian, whether it failed).
+def _newton(statics: Statics, q: Components) -> tuple[Components, Component]:
+    """Newton's method inside a region where the energy is convex: (configuration, whether it failed).
 
     It fails at the first indefinite Hessian, the first long step, or the first step that does not contract: by then it may be
     on its way to an equilibrium that is not the continuation of the one it started from [Deuflhard, Newton Methods for Nonlinear Problems].
+    Each element of a batch stops where it would stop alone, so that a batch of one and of many give the same numbers.
     """
     failed: Component = False
-    previous: Component = None
-    hessian: Hessian = ()
+    done: Component = False
+    longest: Component = _FIRST_STEP
     for _ in range(_ITERATIONS):
         gradient, hessian = statics(q)
         step, pivot = solve_symmetric(hessian, gradient)
@@ -99,68 +93,64 @@ def _newton(statics: Statics, q: Components) -> tuple[Components, Hessian, Compo
         size = abs(step[0])
         for component in step[1:]:
             size = xp.maximum(size, abs(component))
-        longest = _FIRST_STEP if previous is None else xp.maximum(_CONTRACTION * previous, _CONVERGED)
-        failed = failed | (pivot <= 0) | (size > longest)
-        q = tuple(qi - xp.where(failed, 0.0, si) for qi, si in zip(q, step, strict=True))
-        done = failed | (size <= _CONVERGED)
+        failed = xp.where(done, failed, (pivot <= 0) | (size > longest))
+        done = done | failed
+        q = tuple(qi - xp.where(done, 0.0, si) for qi, si in zip(q, step, strict=True))
+        done = done | (size <= _CONVERGED)
         if done if isinstance(done, bool) else done.all():
-            return q, hessian, failed
-        previous = size
-    return q, hessian, failed | (size > _CONVERGED)
+            return q, failed
+        longest = xp.maximum(_CONTRACTION * size, _CONVERGED)
+    return q, failed | (size > _CONVERGED)
 
 
-def follow(path: PathStatics, q: Components) -> Followed:
+def follow(path: PathStatics, q: Components) -> tuple[Components, Component]:
     """Follow a stable equilibrium along a path of inputs or loads from parameter 0 to 1, never onto another branch.
 
-    One Newton solve where its steps contract from the start; elsewhere sub-steps, halved until they contract. Where stability
-    ends on the way, the last stable point is returned with fraction < 1.
+    One Newton solve where its steps contract from the start; elsewhere sub-steps, shortened until they contract. Where stability ends on the way, the last
+    stable point is returned.
 
     Args:
-        path: statics along the path.
-        q: the equilibrium at parameter 0, floats or arrays of shape (n,).
+        path: statics along the path, in any coordinates.
+        q: the equilibrium at parameter 0 in those coordinates, floats or arrays of shape (n,).
+
+    Returns:
+        The coordinates, and the fraction of the path that was covered: 1, or less where stability ended, known to 1/256.
     """
-    q1, hessian, failed = _newton(lambda p: path(p, 1.0, None), q)
+    q1, failed = _newton(lambda p: path(p, 1.0, None), q)
     if not is_batch(*q):
         if not failed:
-            return Followed(q1, hessian, 1.0)
-        slow = _follow_in_substeps(path, tuple(np.array([qi]) for qi in q), np.array([0]))
-        return Followed(
-            tuple(float(qi[0]) for qi in slow.configuration),
-            tuple(tuple(float(h[0]) for h in row) for row in slow.hessian),
-            float(slow.fraction[0]),
-        )
+            return q1, 1.0
+        end, fraction = _follow_in_substeps(path, tuple(np.array([qi]) for qi in q), np.array([0]))
+        return tuple(float(qi[0]) for qi in end), float(fraction[0])
     fraction = np.ones(len(q1[0]))
     index = np.flatnonzero(failed)
     if len(index):
-        slow = _follow_in_substeps(path, tuple(qi[index] for qi in q), index)
-        fraction[index] = slow.fraction
-        for whole, part in zip(q1, slow.configuration, strict=True):
+        end, fraction[index] = _follow_in_substeps(path, tuple(qi[index] for qi in q), index)
+        for whole, part in zip(q1, end, strict=True):
             whole[index] = part
-        hessian = tuple(tuple(np.array(h, float) for h in row) for row in hessian)
-        for row, part_row in zip(hessian, slow.hessian, strict=True):
-            for whole, part in zip(row, part_row, strict=True):
-                whole[index] = part
-    return Followed(q1, hessian, fraction)
+    return q1, fraction
 
 
-def _follow_in_substeps(path: PathStatics, q: Components, index: np.ndarray) -> Followed:
-    n = len(index)
+def _follow_in_substeps(path: PathStatics, q: Components, index: np.ndarray) -> tuple[Components, np.ndarray]:
     q = tuple(qi.copy() for qi in q)
-    t, dt = np.zeros(n), np.full(n, 0.5)
-    active = np.arange(n)
+    t, dt = np.zeros(len(index)), np.ones(len(index))
+    active = np.arange(len(index))
     while len(active):
-        part = tuple(qi[active] for qi in q)
-        ahead = np.minimum(t[active] + dt[active], 1.0)
-        members = index[active]
-        found, _, failed = _newton(lambda p, ahead=ahead, members=members: path(p, ahead, members), part)
-        moved = active[~failed]
+        # Many lengths at once, from the same start; the longest below the first that fails is taken.
+        lengths = np.arange(1, _SECTIONS + 1) / _SECTIONS * dt[active, None]
+        ahead = np.minimum(t[active, None] + lengths, 1.0).ravel()
+        members = np.repeat(index[active], _SECTIONS)
+        start = tuple(np.repeat(qi[active], _SECTIONS) for qi in q)
+        found, failed = _newton(lambda p, ahead=ahead, members=members: path(p, ahead, members), start)
+        good = np.logical_and.accumulate(~failed.reshape(-1, _SECTIONS), axis=1).sum(axis=1)
+        moved = np.flatnonzero(good)
+        row = moved * _SECTIONS + good[moved] - 1
         for whole, new in zip(q, found, strict=True):
-            whole[moved] = new[~failed]
-        t[moved] = ahead[~failed]
-        dt[active] *= np.where(failed, 0.5, 2.0)
+            whole[active[moved]] = new[row]
+        t[active[moved]] = ahead[row]
+        dt[active] *= np.where(good == _SECTIONS, _SECTIONS, 1 / _SECTIONS)
         active = active[(t[active] < 1.0) & (dt[active] > _SHORTEST_SUBSTEP)]
-    _, hessian = path(q, t, index)
-    return Followed(q, tuple(tuple(np.broadcast_to(h, (n,)) for h in row) for row in hessian), t)
+    return q, t
 
 
 def settle(statics: Statics, start: Sequence[Component], limit: float) -> Equilibrium:
@@ -194,9 +184,8 @@ def settle(statics: Statics, start: Sequence[Component], limit: float) -> Equili
             tuple(tuple(np.broadcast_to(hi, (n,))[index] for hi in row) for row in h),
         )
 
-    followed = follow(released, q0)
-    q = tuple(np.array(qi) for qi in followed.configuration)
-    lost = followed.fraction < 1
+    q, fraction = follow(released, q0)
+    lost = fraction < 1
     if lost.any():
         q = tuple(np.where(lost, d, qi) for d, qi in zip(_descend(statics, q, limit), q, strict=True))
     balanced = _norm(held) <= 1e-9 * (1 + _scale(hessian))

@@ -18,12 +18,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
-from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers
+from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers, take
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 
 _NO_LOAD = (0.0, 0.0)
+_FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
 _FULL_TURN = 4 * math.pi  # of alpha, since theta = alpha / 2 runs once around
-_SCAN_POINTS = 97  # samples of alpha_1 in the inverse kinematics with offsets
+_SAMPLES = 16  # of the trigonometric polynomial of the inverse kinematics; 9 would determine it
+
+
+def _samples_to_polynomial() -> np.ndarray:
+    """The matrix from samples of a trigonometric polynomial of order 4 at pi + 2 pi j / 16 to p_0 ... p_8.
+
+    With t = tan(omega/2) the trigonometric polynomial is (p_0 + ... + p_8 t^8) / (1 + t^2)^4.
+    """
+    half = (math.pi + np.arange(_SAMPLES) * (2 * math.pi / _SAMPLES)) / 2
+    power = np.arange(9)
+    return np.linalg.pinv(np.sin(half)[:, None] ** power * np.cos(half)[:, None] ** (8 - power)).T
+
+
+_SAMPLES_TO_POLYNOMIAL = _samples_to_polynomial()
 
 
 @dataclass(frozen=True)
@@ -175,6 +189,11 @@ class TwoX:
             value for value in vars(design).values() if isinstance(value, np.ndarray)
         )  # 0 for a single design
 
+    def take(self, index: Any) -> "TwoX":
+        """The mechanisms at `index` of a batch of designs; itself where there is one design only."""
+        chosen = take(self.design, index)
+        return self if chosen is self.design else TwoX(chosen)
+
     # ------------------------------------------------------------------------------------------------ geometry
 
     @property
@@ -183,7 +202,9 @@ class TwoX:
         return 2 * (self.design.l + self.design.a)
 
     def _joint(self, xp: Any, alpha: Component) -> _Joint:
-        s, c = xp.sin(alpha / 2), xp.cos(alpha / 2)
+        return self._joint_at(xp, xp.sin(alpha / 2), xp.cos(alpha / 2))
+
+    def _joint_at(self, xp: Any, s: Component, c: Component) -> _Joint:
         bb = self._bb
         r = xp.sqrt(self._excess + bb * s * s)  # = sqrt(l^2 - b^2 c^2) without its cancellation for l close to b
         dr = bb * s * c / (2 * r)
@@ -306,29 +327,31 @@ class TwoX:
         springs = k1 * (ll - bb * xp.cos(a1)) + k2 * (ll - bb * xp.cos(a2))
         return gravity_and_load + springs + tensions[0] * l1 + tensions[1] * r1 + tensions[2] * l2 + tensions[3] * r2
 
-    def _passive(self, q: Sequence[Component], load: Sequence[Component]) -> tuple[Component, ...]:
-        """Joints, then gradient [N m] and Hessian [N m/rad] of the energy without cables: (j1, j2, g1, g2, h11, h12, h22)."""
-        xp = self._xp(*q, *load)
-        a1, a2 = q
-        j1, j2 = self._joint(xp, a1), self._joint(xp, a2)
+    def _passive(self, xp: Any, j1: _Joint, j2: _Joint, load: Sequence[Component]) -> tuple[Component, ...]:
+        """Gradient [N m] and Hessian [N m/rad] of the energy without cables: (g1, g2, h11, h12, h22)."""
         s1, c1, r1, dr1, ddr1 = j1
         s2, c2, r2, dr2, ddr2 = j2
-        fx, fy = load
         a = self.design.a
         sin_a1, cos_a1, sin_a2, cos_a2 = 2 * s1 * c1, c1 * c1 - s1 * s1, 2 * s2 * c2, c2 * c2 - s2 * s2
         s12, c12 = sin_a1 * c2 + cos_a1 * s2, cos_a1 * c2 - sin_a1 * s2
         end_s, end_c = sin_a1 * cos_a2 + cos_a1 * sin_a2, cos_a1 * cos_a2 - sin_a1 * sin_a2
         # Each of the four vectors of the chain contributes p = fx sin(phi) + w cos(phi) times its length; d = dp/dphi.
-        w1, h1, w2, h2 = self._w1 - fy, a * (self._h1 - fy), self._w2 - fy, a * (self._h2 - fy)
-        fa = a * fx
-        p1, d1 = fx * s1 + w1 * c1, fx * c1 - w1 * s1
-        p2, d2 = fa * sin_a1 + h1 * cos_a1, fa * cos_a1 - h1 * sin_a1
-        p3, d3 = fx * s12 + w2 * c12, fx * c12 - w2 * s12
-        p4, d4 = fa * end_s + h2 * end_c, fa * end_c - h2 * end_s
+        if load is _NO_LOAD:
+            h1, h2 = a * self._h1, a * self._h2
+            p1, d1 = self._w1 * c1, -self._w1 * s1
+            p2, d2 = h1 * cos_a1, -h1 * sin_a1
+            p3, d3 = self._w2 * c12, -self._w2 * s12
+            p4, d4 = h2 * end_c, -h2 * end_s
+        else:
+            fx, fy = load
+            w1, h1, w2, h2 = self._w1 - fy, a * (self._h1 - fy), self._w2 - fy, a * (self._h2 - fy)
+            fa = a * fx
+            p1, d1 = fx * s1 + w1 * c1, fx * c1 - w1 * s1
+            p2, d2 = fa * sin_a1 + h1 * cos_a1, fa * cos_a1 - h1 * sin_a1
+            p3, d3 = fx * s12 + w2 * c12, fx * c12 - w2 * s12
+            p4, d4 = fa * end_s + h2 * end_c, fa * end_c - h2 * end_s
         r2p3, r2d3 = r2 * p3, r2 * d3
         return (
-            j1,
-            j2,
             dr1 * p1 + r1 * d1 / 2 + d2 + r2d3 + d4 + self._spring1 * sin_a1,
             dr2 * p3 + r2d3 / 2 + d4 + self._spring2 * sin_a2,
             (ddr1 - r1 / 4) * p1 + dr1 * d1 - p2 - r2p3 - p4 + self._spring1 * cos_a1,
@@ -336,18 +359,65 @@ class TwoX:
             ddr2 * p3 + dr2 * d3 - r2p3 / 4 - p4 + self._spring2 * cos_a2,
         )
 
+    def _active(
+        self, xp: Any, j1: _Joint, j2: _Joint, tensions: Sequence[Component], load: Sequence[Component]
+    ) -> tuple[Component, ...]:
+        """Gradient and Hessian of the whole energy: (g1, g2, h11, h12, h22)."""
+        g1, g2, h11, h12, h22 = self._passive(xp, j1, j2, load)
+        half = self.design.b / 2
+        left1, right1, left2, right2 = tensions
+        sum1, pull1, sum2, pull2 = left1 + right1, (right1 - left1) * half, left2 + right2, (right2 - left2) * half
+        return (
+            g1 + sum1 * j1.dr + pull1 * j1.c,
+            g2 + sum2 * j2.dr + pull2 * j2.c,
+            h11 + sum1 * j1.ddr - pull1 * j1.s / 2,
+            h12,
+            h22 + sum2 * j2.ddr - pull2 * j2.s / 2,
+        )
+
     def statics(
         self, q: Sequence[Component], tensions: Sequence[Component], load: Sequence[Component] = _NO_LOAD
     ) -> tuple[Components, tuple[Components, ...]]:
         """Gradient and Hessian of the potential energy in one evaluation: (g1, g2), ((h11, h12), (h12, h22))."""
-        j1, j2, g1, g2, h11, h12, h22 = self._passive(q, load)
-        b = self.design.b
-        left1, right1, left2, right2 = tensions
-        sum1, pull1, sum2, pull2 = left1 + right1, (right1 - left1) * b / 2, left2 + right2, (right2 - left2) * b / 2
-        h11 = h11 + sum1 * j1.ddr - pull1 * j1.s / 2
-        h22 = h22 + sum2 * j2.ddr - pull2 * j2.s / 2
-        gradient = (g1 + sum1 * j1.dr + pull1 * j1.c, g2 + sum2 * j2.dr + pull2 * j2.c)
-        return gradient, ((h11, h12), (h12, h22))
+        xp = self._xp(*q, *tensions, *load)
+        a1, a2 = q
+        g1, g2, h11, h12, h22 = self._active(xp, self._joint(xp, a1), self._joint(xp, a2), tensions, load)
+        return (g1, g2), ((h11, h12), (h12, h22))
+
+    def to_sines(self, q: Sequence[Component]) -> Components:
+        """u_i = sin(alpha_i / 2), the coordinates of `sine_statics`; for joints up."""
+        xp = self._xp(*q)
+        return tuple(xp.sin(alpha / 2) for alpha in q)
+
+    def from_sines(self, u: Sequence[Component]) -> Components:
+        """alpha_i = 2 asin(u_i) [rad]."""
+        xp = self._xp(*u)
+        inside = [xp.maximum(xp.minimum(ui, _FLATTEST), -_FLATTEST) for ui in u]
+        return tuple(2 * xp.atan2(ui, xp.sqrt(1 - ui * ui)) for ui in inside)
+
+    def sine_statics(
+        self, u: Sequence[Component], tensions: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> tuple[Components, tuple[Components, ...]]:
+        """Gradient and Hessian of the potential energy in u_i = sin(alpha_i / 2) [J], for joints up.
+
+        In these coordinates the energy of springs and cables is convex, and the flat poses, where the cables lose their moment arms in alpha, are
+        ordinary boundary points (|u| = 1). Newton's method converges from much further away than in alpha, and no trigonometry is left.
+        """
+        xp = self._xp(*u, *tensions, *load)
+        joints, turns, tangents = [], [], []
+        for ui in u:
+            ui = xp.maximum(xp.minimum(ui, _FLATTEST), -_FLATTEST)
+            c = xp.sqrt(1 - ui * ui)
+            joints.append(self._joint_at(xp, ui, c))
+            turns.append(2 / c)  # d alpha / d u
+            tangents.append(ui / (2 * c))
+        g1, g2, h11, h12, h22 = self._active(xp, joints[0], joints[1], tensions, load)
+        t1, t2 = turns
+        mixed = h12 * t1 * t2
+        return (
+            (g1 * t1, g2 * t2),
+            (((h11 + g1 * tangents[0]) * t1 * t1, mixed), (mixed, (h22 + g2 * tangents[1]) * t2 * t2)),
+        )
 
     def energy_gradient(
         self, q: Sequence[Component], tensions: Sequence[Component], load: Sequence[Component] = _NO_LOAD
@@ -370,9 +440,10 @@ class TwoX:
     def _stiffest(
         self, q: Sequence[Component], load: Sequence[Component]
     ) -> tuple[Components, tuple[Component, Component, Component]]:
-        j1, j2, g1, g2, h11, h12, h22 = self._passive(q, load)
+        xp = self._xp(*q, *load)
+        j1, j2 = self._joint(xp, q[0]), self._joint(xp, q[1])
+        g1, g2, h11, h12, h22 = self._passive(xp, j1, j2, load)
         b, top = self.design.b, self.design.max_tension
-        xp = self._xp(*q, *load, g1)
         tensions: list[Component] = []
         diagonal: list[Component] = []
         for joint, g, h in ((j1, g1, h11), (j2, g2, h22)):
@@ -498,22 +569,14 @@ class TwoX:
                 configuration with alpha_1 + alpha_2 = +-2 pi reaches.
         """
         _check_finite("target", (x, y), 2)
-        owner, found, residual = self._inverse(np.array([float(x)]), np.array([float(y)]))
-        if not len(owner):
-            return []
-        _, stability, wrench = self.posture(found)
-        determinant = self.singularity(found)
-        return [
-            InverseSolution(
-                (float(found[0][i]), float(found[1][i])),
-                "".join("U" if abs(alpha[i]) < math.pi else "D" for alpha in found),
-                float(determinant[i]),
-                float(stability[i]),
-                float(wrench[i]),
-                float(residual[i]),
-            )
-            for i in range(len(owner))
-        ]
+        _, found, residual = self._inverse(np.array([float(x)]), np.array([float(y)]))
+        solutions = []
+        for a1, a2, distance in zip(found[0].tolist(), found[1].tolist(), residual.tolist(), strict=True):
+            q = (a1, a2)
+            _, stability, wrench = self.posture(q)
+            state = "".join("U" if abs(alpha) < math.pi else "D" for alpha in q)
+            solutions.append(InverseSolution(q, state, self.singularity(q), stability, wrench, distance))
+        return solutions
 
     def inverse_kinematics_batch(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """All inverse solutions of many targets, as `inverse_kinematics` finds them.
@@ -537,7 +600,9 @@ class TwoX:
         """Candidates, polished and verified: index of the target, configuration and residual of every solution."""
         if any(isinstance(value, np.ndarray) for value in (self.design.a, self.design.b, self.design.l)):
             raise ValueError("inverse kinematics takes one set of bar lengths, not a batch of them")
-        owner, a1, a2 = self._quartic_candidates(x, y) if self.design.a == 0 else self._scan_candidates(x, y)
+        owner, a1, a2 = self._candidates(x, y)
+        near = np.maximum(np.abs(a1), np.abs(a2)) < self.design.joint_limit + 0.1
+        owner, a1, a2 = owner[near], a1[near], a2[near]
         a1, a2 = self._polish(x[owner], y[owner], a1, a2)
         a1, a2 = (2 * math.pi - (2 * math.pi - alpha) % _FULL_TURN for alpha in (a1, a2))  # into (-2 pi, 2 pi]
         px, py = self.tip((a1, a2))
@@ -577,25 +642,54 @@ class TwoX:
                 break
         return a1, a2
 
-    def _quartic_candidates(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        b = self.design.b / self.design.l
-        owner: list[int] = []
-        a1: list[float] = []
-        for i, (xi, yi) in enumerate(zip(x / self.design.l, y / self.design.l, strict=True)):
-            if math.hypot(xi, yi) < 1e-12:
-                raise ValueError(
-                    f"target ({x[i]!r}, {y[i]!r}) is the base: every configuration with alpha_1 + alpha_2 = +-2 pi reaches it"
-                )
-            quartic = furet_quartic(xi, yi, b)
-            # The reversed polynomial keeps the roots close to t = infinity (joint 1 flat) accurate.
-            roots = [2 * np.arctan(t) for t in _nearly_real_roots(quartic)]
-            roots += [2 * np.arctan2(1.0, t) for t in _nearly_real_roots(quartic[::-1])]
-            for phi in roots:
-                owner.append(i)
-                a1.append(2 * math.atan2(b - math.cos(phi), math.sin(phi)))
-        owners, alpha1 = np.array(owner, int), np.array(a1)
-        dx, dy, _ = self._beyond_joint_1(x[owners], y[owners], alpha1)
-        return owners, alpha1, 2 * np.arctan2(-dx, dy)
+    def _candidates(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A starting point close to every solution: index of the target, alpha_1, alpha_2.
+
+        Seen from the base of joint 2, in its axes, the tip runs along a curve that has no square root in it: with d the tip's
+        position, k = d.d - a^2 - l^2,
+
+            (k + l^2) k + b^2 d_y^2 - 2 a (l^2 - b^2) d_y - a^2 (2 l^2 - b^2) = 0.
+
+        An X-joint moves like two rolling ellipses; in their eccentric anomaly psi, tan(alpha/2) = sqrt(1 - b^2/l^2) tan(psi),
+        r = sqrt(l^2 - b^2) / h, h^2 = cos^2(psi) + (1 - b^2/l^2) sin^2(psi). Times h^4 the curve's equation is therefore a trigonometric
+        polynomial of order 4 in psi_1, known from a few samples: at most eight solutions, the real eigenvalues of a companion matrix.
+        (Without offsets h^2 divides it; what is left is the quartic of [Furet2018, Eqs. 3-8] in another variable.)
+        """
+        a, l, bb = self.design.a, self.design.l, self._bb
+        psi = np.arange(_SAMPLES) * (2 * math.pi / _SAMPLES)
+        flatness = self._excess / (l * l)
+        hh = np.cos(psi) ** 2 + flatness * np.sin(psi) ** 2
+        _, dy, dd = self._beyond_joint_1(x[:, None], y[:, None], self._from_anomaly(psi))
+        u = dd - a * a
+        samples = (u * (u - l * l) + bb * dy * dy - 2 * a * self._excess * dy - a * a * (l * l + self._excess)) * (hh * hh)
+        # The variable is t = tan(omega/2), with t = infinity where the sample is largest: no root is near infinity.
+        top = np.abs(samples).argmax(axis=1)
+        turned = samples[np.arange(len(x))[:, None], (top[:, None] + np.arange(_SAMPLES)) % _SAMPLES]
+        polynomial = turned @ _SAMPLES_TO_POLYNOMIAL
+        companion = np.zeros((len(x), 8, 8))
+        companion[:, 1:, :-1] = np.eye(7)
+        companion[:, :, -1] = -polynomial[:, :-1] / polynomial[:, -1:]
+        roots = np.linalg.eigvals(companion)
+        # A double root comes out as a pair whose imaginary parts are of the order of sqrt(eps); forward kinematics decides.
+        owner, column = np.nonzero(np.abs(roots.imag) < 1e-3 * (1 + np.abs(roots) ** 2))
+        a1 = self._from_anomaly(psi[top[owner]] + 2 * np.arctan(roots.real[owner, column] + roots.imag[owner, column]) + math.pi)
+        dx, dy, dd = self._beyond_joint_1(x[owner], y[owner], a1)
+        u = dd - a * a
+        rc = (a * (2 * (u - l * l) + bb) + bb * dy) / (bb + 4 * a * a)  # r cos(alpha_2/2)
+        rr = np.maximum(u - 2 * a * rc, 0.0)
+        a2 = 2 * np.arctan2(-rr * dx * np.sign(u), rc * np.abs(u))
+        # Where the curve crosses itself (u = 0) a point of it belongs to both signs of alpha_2.
+        node = np.flatnonzero(np.abs(u) < 1e-3 * l * l)
+        fold = 2 * np.arccos(np.clip(rc[node] / np.sqrt(rr[node] + 1e-300), -1.0, 1.0))
+        return (
+            np.concatenate([owner, owner[node], owner[node]]),
+            np.concatenate([a1, a1[node], a1[node]]),
+            np.concatenate([a2, fold, -fold]),
+        )
+
+    def _from_anomaly(self, psi: np.ndarray) -> np.ndarray:
+        """The angle alpha [rad] at which the eccentric anomaly of a joint's rolling ellipses is psi."""
+        return 2 * np.arctan2(math.sqrt(self._excess) / self.design.l * np.sin(psi), np.cos(psi))
 
     def _beyond_joint_1(
         self, x: np.ndarray, y: np.ndarray, a1: np.ndarray
@@ -606,76 +700,6 @@ class TwoX:
         dx = x + joint.r * joint.s + self.design.a * sin
         dy = y - joint.r * joint.c - self.design.a * cos
         return cos * dx + sin * dy, cos * dy - sin * dx, dx * dx + dy * dy
-
-    def _alignment(
-        self, x: np.ndarray, y: np.ndarray, a1: np.ndarray, sign: Any
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What is left of the inverse kinematics with offsets once alpha_2 is eliminated: (f, alpha_2, whether real).
-
-        Given alpha_1 the distance from the base of joint 2 to the target fixes c = cos(alpha_2/2) by a quadratic in c^2 (`sign` tells its root),
-        and f = 0 says that the target's component along the base's normal is right. f is smooth through alpha_2 = 0, where c passes 1.
-        """
-        a, b, l = self.design.a, self.design.b, self.design.l
-        d_x, d_y, d_squared = self._beyond_joint_1(x, y, a1)
-        k = d_squared - a * a - l * l
-        lead = b**4 + 4 * a * a * b * b
-        middle = 2 * a * a * l * l - k * b * b
-        discriminant = middle * middle - lead * k * k
-        real = (discriminant >= 0) & (middle >= 0)
-        z = (middle + sign * np.sqrt(np.where(real, discriminant, 0.0))) / lead
-        real = real & (b * b * z < l * l) & (z >= 0)
-        z = np.where(real, z, 0.0)
-        c = np.where(k + b * b * z < 0, -1.0, 1.0) * np.sqrt(z)  # the sign is lost in squaring
-        r = np.sqrt(l * l - b * b * z)
-        half_turn = np.where(d_x * (r + 2 * a * c) > 0, -1.0, 1.0) * np.arccos(np.clip(c, -1.0, 1.0))
-        return d_y - r * c - a * (2 * z - 1), 2 * half_turn, real
-
-    def _scan_candidates(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A starting point close to every solution, from samples of alpha_1 that are refined where two roots may hide."""
-        limit = self.design.joint_limit
-        points = _SCAN_POINTS if limit <= math.pi else 2 * _SCAN_POINTS
-        candidates: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        for sign in (1.0, -1.0):
-            owner = np.arange(len(x))
-            grid = np.linspace(-limit, limit, points)[None]
-            for _ in range(4):
-                f, a2, real = self._alignment(x[owner, None], y[owner, None], grid, sign)
-                grid = np.broadcast_to(grid, f.shape)
-                pair = real[:, :-1] & real[:, 1:]
-                row, left = np.nonzero(pair & (f[:, :-1] * f[:, 1:] <= 0))
-                candidates.append(self._bisect(x, y, owner[row], grid[row, left], grid[row, left + 1], f[row, left], sign))
-                # Next to where the quadratic has no real root, a root of f may lie beyond the last real sample.
-                edge = np.zeros(real.shape, bool)
-                edge[:, 1:] |= real[:, 1:] & ~real[:, :-1]
-                edge[:, :-1] |= real[:, :-1] & ~real[:, 1:]
-                row, left = np.nonzero(edge)
-                candidates.append((owner[row], grid[row, left], a2[row, left]))
-                # A dip towards zero between samples of one sign may hide two roots: look closer.
-                bend = np.abs(f[:, 2:] + f[:, :-2] - 2 * f[:, 1:-1])
-                size = np.abs(f)
-                dip = (size[:, 1:-1] <= np.minimum(size[:, :-2], size[:, 2:])) & (size[:, 1:-1] <= bend)
-                row, left = np.nonzero(dip & pair[:, :-1] & pair[:, 1:])
-                owner, low, high = owner[row], grid[row, left], grid[row, left + 2]
-                grid = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, 17)
-                if not len(owner):
-                    break
-            for side in (grid[:, 0], grid[:, -1]):  # roots still hiding: Newton's method from both sides
-                if len(owner):
-                    candidates.append((owner, side, self._alignment(x[owner], y[owner], side, sign)[1]))
-        owners, starts1, starts2 = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
-        return owners, starts1, starts2
-
-    def _bisect(
-        self, x: np.ndarray, y: np.ndarray, owner: np.ndarray, low: np.ndarray, high: np.ndarray, f_low: np.ndarray, sign: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Narrow brackets of a sign change; Newton's method in both angles, which follows, needs only a good start."""
-        a1, a2 = low, low
-        for _ in range(9 if len(owner) else 0):
-            a1 = (low + high) / 2
-            f, a2, _ = self._alignment(x[owner], y[owner], a1, sign)
-            same = f * f_low > 0
-            low, high = np.where(same, a1, low), np.where(same, high, a1)
-        return owner, a1, a2
 
 
 def smallest_eigenvalue(h11: Component, h12: Component, h22: Component, xp: Any) -> Component:
@@ -700,12 +724,6 @@ def furet_quartic(x: float, y: float, b: float) -> np.ndarray:
             (b - 1) ** 2 * (bb * yy + rr - 4 * x * (xx + yy) + 5 * xx + yy - 2 * x),
         ]
     )
-
-
-def _nearly_real_roots(coefficients: np.ndarray) -> np.ndarray:
-    roots = np.roots(coefficients)
-    # A double root comes out as a pair whose imaginary parts are of the order of sqrt(eps); forward kinematics decides.
-    return np.asarray(roots.real[np.abs(roots.imag) < 1e-3 * (1 + np.abs(roots))])
 
 
 def _angle_gap(first: Any, second: Any) -> Any:

@@ -1,0 +1,54 @@
+"""Random numbers that are a function of (environment seed, episode, draw) alone.
+
+A counter-based generator, SplitMix64 [Steele, Lea, Flood 2014], evaluated for a whole batch at once: NumPy's own bit generators would have to be
+built anew for every environment and episode, which costs more than the episode's physics. Environment i of a vector seeded s draws exactly
+what a single environment seeded s + i draws, whatever the batch and whatever ran before.
+
+Training uses seeds below VALIDATION_SEED; tuning and the published tables use their own streams.
+"""
+
+import numpy as np
+
+VALIDATION_SEED = 1_000_000_000
+TEST_SEED = 2_000_000_000
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_MIX1 = np.uint64(0xBF58476D1CE4E5B9)
+_MIX2 = np.uint64(0x94D049BB133111EB)
+
+
+def _mix(z: np.ndarray) -> np.ndarray:
+    z = (z ^ (z >> np.uint64(30))) * _MIX1
+    z = (z ^ (z >> np.uint64(27))) * _MIX2
+    return z ^ (z >> np.uint64(31))
+
+
+def uniform(seed: np.ndarray, episode: np.ndarray, draw: int) -> np.ndarray:
+    """Uniform numbers in [0, 1), one for each (seed, episode) pair, independent for different draws.
+
+    Args:
+        seed: shape (n,), integers.
+        episode: shape (n,), integers.
+        draw: which number of the episode.
+    """
+    with np.errstate(over="ignore"):
+        z = _mix(np.asarray(seed).astype(np.uint64) + _GOLDEN)
+        z = _mix(z + np.asarray(episode).astype(np.uint64) * _GOLDEN)
+        z = _mix(z + np.array([draw + 1], np.uint64) * _GOLDEN)
+    return (z >> np.uint64(11)) * 2.0**-53
+
+
+class EpisodeStream:
+    """The draws of a batch of episodes, one after another, so that no number is used twice."""
+
+    def __init__(self, seed: np.ndarray, episode: np.ndarray, first: int = 0) -> None:
+        self._seed, self._episode, self._next = seed, episode, first
+
+    def uniform(self, low: float = 0.0, high: float = 1.0) -> np.ndarray:
+        """The next number of every episode, shape (n,)."""
+        self._next += 1
+        return low + (high - low) * uniform(self._seed, self._episode, self._next - 1)
+
+    def at(self, index: np.ndarray) -> "EpisodeStream":
+        """The same streams for the episodes at `index`, from the next draw on."""
+        return EpisodeStream(self._seed[index], self._episode[index], self._next)

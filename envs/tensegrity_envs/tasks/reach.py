@@ -1,0 +1,149 @@
+"""Reach: bring the tip to a target and hold it there, staying stable and wrench-feasible.
+
+The reward is a sum of terms, each between 0 and its weight, so that nothing still to come is ever negative: an episode that ends early because
+stability or wrench feasibility was lost gives up everything that it could still have collected, and failing early never pays.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.mechanics.two_x import TwoX
+from tensegrity_envs.simulation.protocol import RUNNING, State
+
+
+@dataclass(frozen=True)
+class RewardWeights:
+    """Weights of the dense reward's terms, each zero or positive; a term scores between 0 and 1 before it is weighted.
+
+    Attributes:
+        distance: 1 / (1 + sqrt(tip error / tolerance)): 1 at the target, 1/2 at one tolerance from it, 1/11 at a hundred.
+        potential: 1 in the nearest feasible configuration that puts the tip on the target, falling linearly with the joint distance to it. The
+            reachable set has a hole and two sheets, so that walking straight towards the target runs into its boundary; this term knows the way
+            round. It uses inverse solutions that the agent does not see.
+        success: 1 while the tip is within tolerance.
+        effort: 1 without tension, 0 with every cable at its maximum.
+        stability: rises with the stability margin, up to 1 at 0.2.
+        wrench: rises with the wrench margin, up to 1 at 0.2.
+    """
+
+    distance: float = 0.3
+    potential: float = 0.5
+    success: float = 0.5
+    effort: float = 0.05
+    stability: float = 0.05
+    wrench: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            ValueError: a weight is negative or not finite.
+        """
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (np.isscalar(value) and np.isfinite(value) and value >= 0):  # type: ignore[type-var]
+                raise ValueError(f"reward weight {field.name} = {value!r}: must be a finite number, zero or positive")
+
+
+_FULL_MARGIN = 0.2
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Goal, success and reward of a reaching task.
+
+    Attributes:
+        max_tension: scale of the effort [N].
+        joint_span: scale of the joint distance [rad].
+        tolerance: the tip is on target within this distance [m].
+        reward_type: "dense", or "sparse" (1 while on target, else 0).
+        weights: of the dense reward.
+    """
+
+    max_tension: float
+    joint_span: float
+    tolerance: float = 0.005
+    reward_type: str = "dense"
+    weights: RewardWeights = RewardWeights()  # noqa: RUF009  (frozen)
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            ValueError: an unknown reward type, or a tolerance that is not positive.
+        """
+        if self.reward_type not in ("dense", "sparse"):
+            raise ValueError(f"reward_type = {self.reward_type!r}: must be 'dense' or 'sparse'")
+        if not (np.isfinite(self.tolerance) and self.tolerance > 0):
+            raise ValueError(f"tolerance = {self.tolerance!r}: must be a positive length [m]")
+
+    def is_success(self, error: Component, failure: Component) -> Component:
+        """Whether the tip is within tolerance, in a stable and wrench-feasible state."""
+        return (error <= self.tolerance) & (failure == RUNNING)
+
+    def reward_terms(
+        self, xp: Any, error: Component, state: State, solutions: tuple[Components, ...] | None
+    ) -> dict[str, Component]:
+        """The weighted terms of the reward by name; all zero in the step in which the episode fails.
+
+        Args:
+            xp: namespace of the components.
+            error: distance of the tip from the target [m].
+            state: after the step.
+            solutions: configurations that solve the episode, at least one; None leaves the potential out (sparse reward).
+        """
+        running = xp.where(state.failure == RUNNING, 1.0, 0.0)
+        success = xp.where(error <= self.tolerance, running, 0.0)
+        if self.reward_type == "sparse" or solutions is None:
+            return {"success": success}
+        w = self.weights
+        gap: Component = None
+        for solution in solutions:
+            to_this: Component = 0.0
+            for angle, goal in zip(state.configuration, solution, strict=True):
+                to_this = xp.maximum(to_this, abs(angle - goal))
+            gap = to_this if gap is None else xp.minimum(gap, to_this)
+        effort: Component = 0.0
+        for f in state.inputs:
+            effort = effort + f * f
+        effort = effort / (len(state.inputs) * self.max_tension**2)
+        closeness = 1.0 / (1.0 + xp.sqrt(error / self.tolerance))
+        return {
+            "distance": w.distance * running * closeness,
+            "potential": w.potential * running * xp.maximum(1.0 - gap / self.joint_span, 0.0),
+            "success": w.success * success,
+            "effort": w.effort * running * (1.0 - effort),
+            "stability": w.stability * running * xp.minimum(xp.maximum(state.stability_margin / _FULL_MARGIN, 0.0), 1.0),
+            "wrench": w.wrench * running * xp.minimum(xp.maximum(state.wrench_margin / _FULL_MARGIN, 0.0), 1.0),
+        }
+
+
+def feasible_solutions(
+    mechanism: TwoX, x: np.ndarray, y: np.ndarray, known: Components | None = None
+) -> tuple[Components, ...]:
+    """Configurations that put the tip at (x, y) and are stable and wrench-feasible, for every target of a batch.
+
+    Args:
+        mechanism: one design, or a batch of n.
+        x: shape (n,) [m].
+        y: shape (n,) [m].
+        known: one solution of each target, if there is one [rad].
+
+    Returns:
+        As many configurations as any target has, components of shape (n,); targets with fewer repeat theirs. A target that has none gets the
+        known one, or else infinity.
+    """
+    table = np.stack(mechanism.inverse_kinematics_batch(x, y))
+    row, column = np.nonzero(np.isfinite(table[0]))
+    good = mechanism.take(row).is_stable_wrench_feasible(tuple(table[:, row, column]))
+    table[:, row[~good], column[~good]] = np.nan
+    missing = np.isnan(table[0])
+    table = np.take_along_axis(table, np.argsort(missing, axis=1, kind="stable")[None], axis=2)
+    counts = (~missing).sum(axis=1)
+    none = counts == 0
+    table[:, none, 0] = np.inf if known is None else np.stack(known)[:, none]
+    table = np.where(np.isnan(table), table[:, :, :1], table)
+    return tuple((table[0][:, k].copy(), table[1][:, k].copy()) for k in range(max(int(counts.max(initial=1)), 1)))

@@ -1,0 +1,159 @@
+"""Episodes that can be solved: start and target in one connected piece of the stable wrench-feasible joint space (SWFJ)."""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.namespace import Components
+from tensegrity_envs.mechanics.two_x import TwoX, TwoXDesign
+from tensegrity_envs.seeding import EpisodeStream
+
+_MIN_MARGIN = 0.01  # of starts and targets, for both margins [-]
+_GRID = 161  # nodes along each angle, for telling connected pieces apart
+_PAYLOAD_LEVELS = 9
+_MAX_ATTEMPTS = 1000
+_TARGET_DRAWS = 1 << 20  # first draw of the targets: beyond every draw of the starts
+
+
+class Drawn(NamedTuple):
+    """A batch of n episodes.
+
+    Attributes:
+        mechanism: with the true, hidden parameters of every episode.
+        configuration: at the start [rad].
+        tensions: at the start [N], or None for the stiffest ones.
+        target_configuration: one configuration that solves the episode [rad].
+    """
+
+    mechanism: TwoX
+    configuration: Components
+    tensions: Components | None
+    target_configuration: Components
+
+
+class Sampler:
+    """Draws episodes, each a function of (seed, episode) alone.
+
+    Configurations are uniform over the part of the SWFJ, within the joint limits, where both margins are at least 0.01; the target lies in the
+    connected piece that the start is in. With a hidden payload the start gives nothing away: its tensions are the stiffest ones of a configuration
+    of the *nominal* arm, and such a start counts only if the arm stays in equilibrium under every payload that could be drawn, so tensions
+    and payload are independent. The start is then where the arm comes to rest under the payload that was drawn.
+
+    Raises:
+        ValueError: the SWFJ of the design is empty.
+    """
+
+    def __init__(self, design: TwoXDesign, payload_range: tuple[float, float] | None = None) -> None:
+        self.design = design
+        self.payload_range = payload_range
+        low, high = payload_range or (design.payload, design.payload)
+        if not (0 <= low <= high and np.isfinite(high)):
+            raise ValueError(f"payload_range = {payload_range!r}: must be (low, high) with 0 <= low <= high, in kg")
+        self._levels = np.linspace(low, high, _PAYLOAD_LEVELS if high > low else 1)
+        axis = np.linspace(-design.joint_limit, design.joint_limit, _GRID)
+        grid = tuple(np.meshgrid(axis, axis, indexing="ij"))
+        self._pieces = np.stack(
+            [ndimage.label(_inside(TwoX(replace(design, payload=p)), grid))[0] for p in self._levels.tolist()]
+        )
+        if not self._pieces.any(axis=(1, 2)).all():
+            raise ValueError(
+                f"the stable wrench-feasible joint space is empty within |alpha| <= {design.joint_limit} rad for {design} "
+                f"with a payload of up to {high} kg: raise max_tension, lower payload or bar_density"
+            )
+
+    def _piece(self, payload: np.ndarray, q: Components) -> np.ndarray:
+        """Which connected piece of its SWFJ a configuration is in, from the nearest grid node; 0 for none."""
+        limit = self.design.joint_limit
+        first, span = self._levels[0], self._levels[-1] - self._levels[0]
+        level = np.ceil((payload - first) / span * (len(self._levels) - 1)) if span > 0 else 0 * payload
+        i, j = (np.rint((angle + limit) / (2 * limit) * (_GRID - 1)).astype(int) for angle in q)
+        return np.asarray(self._pieces[level.astype(int), i, j])
+
+    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
+        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
+        n = len(seed)
+        stream = EpisodeStream(seed, episode)
+        payload = np.full(n, float(self.design.payload))
+        mechanism = TwoX(self.design)
+        if self.payload_range is not None:
+            payload = stream.uniform(*self.payload_range)
+            mechanism = TwoX(replace(self.design, payload=payload))
+        start, tensions = np.zeros((2, n)), np.zeros((4, n))
+        pending = np.arange(n)
+        for _ in range(_MAX_ATTEMPTS):
+            here = stream.at(pending)
+            q, forces, good = self._try_start(here, payload[pending])
+            stream.uniform(), stream.uniform()
+            start[:, pending[good]] = np.stack(q)[:, good]
+            tensions[:, pending[good]] = np.stack(forces)[:, good]
+            pending = pending[~good]
+            if not len(pending):
+                break
+        else:
+            raise RuntimeError(f"no start found for {self.design} in {_MAX_ATTEMPTS} draws")
+        piece = self._piece(payload, tuple(start))
+        target = np.zeros((2, n))
+        stream = EpisodeStream(seed, episode, _TARGET_DRAWS)
+        pending = np.arange(n)
+        for _ in range(_MAX_ATTEMPTS):
+            q = self._uniform(stream.at(pending))
+            stream.uniform(), stream.uniform()
+            good = _inside(mechanism.take(pending), q) & (self._piece(payload[pending], q) == piece[pending])
+            target[:, pending[good]] = np.stack(q)[:, good]
+            pending = pending[~good]
+            if not len(pending):
+                break
+        else:
+            raise RuntimeError(f"no target found for {self.design} in {_MAX_ATTEMPTS} draws")
+        hidden = self.payload_range is not None
+        return Drawn(mechanism, tuple(start), tuple(tensions) if hidden else None, tuple(target))
+
+    def _uniform(self, stream: EpisodeStream) -> Components:
+        limit = self.design.joint_limit
+        return stream.uniform(-limit, limit), stream.uniform(-limit, limit)
+
+    def _try_start(self, stream: EpisodeStream, payload: np.ndarray) -> tuple[Components, Components, np.ndarray]:
+        nominal = TwoX(self.design)
+        q = self._uniform(stream)
+        good = _inside(nominal, q)
+        tensions = nominal.stiffest_tensions(q)
+        if self.payload_range is not None:
+            index = np.flatnonzero(good)
+            part = tuple(f[index] for f in tensions)
+            rest = tuple(angle[index] for angle in q)
+            heaviest = np.full(len(index), float(self.payload_range[1]))
+            rest, held = _add_payload(nominal, rest, part, 0.0 * heaviest + nominal.design.payload, payload[index])
+            at_heaviest, held_heaviest = _add_payload(nominal, rest, part, payload[index], heaviest)
+            held &= held_heaviest & nominal.is_within_limits(at_heaviest) & nominal.is_within_limits(rest)
+            q = tuple(angle.copy() for angle in q)
+            for whole, angle in zip(q, rest, strict=True):
+                whole[index] = angle
+            good[index] &= held
+        good &= self._piece(payload, tuple(np.where(good, angle, 0.0) for angle in q)) > 0
+        return q, tensions, good
+
+
+def _inside(mechanism: TwoX, q: Components) -> np.ndarray:
+    _, stability, wrench = mechanism.posture(q)
+    return np.asarray((stability >= _MIN_MARGIN) & (wrench >= _MIN_MARGIN))
+
+
+def _add_payload(
+    nominal: TwoX, q: Components, tensions: Components, before: np.ndarray, after: np.ndarray
+) -> tuple[Components, np.ndarray]:
+    """Where arms at rest in q come to rest when their payload changes slowly, and whether they stayed stable on the way."""
+    if not len(before):
+        return q, np.zeros(0, bool)
+    weight = nominal.design.gravity
+    own = nominal.design.payload
+
+    def path(p: Components, t: Any, index: Any) -> Any:
+        part = slice(None) if index is None else index
+        payload = before[part] + t * (after[part] - before[part])
+        return nominal.sine_statics(p, tuple(f[part] for f in tensions), (0.0, -weight * (payload - own)))
+
+    u, fraction = follow(path, nominal.to_sines(q))
+    return nominal.from_sines(u), np.asarray(fraction >= 1.0)
