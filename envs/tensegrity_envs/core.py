@@ -164,6 +164,7 @@ def information(core: Core, state: State, error: Component, terms: dict[str, Com
         "is_wrench_feasible": state.wrench_margin >= 0,
         "failure": state.failure,
         "payload": payload,
+        "effort": core.task.effort(state),
         **{f"reward_{name}": term for name, term in terms.items()},
     }
 

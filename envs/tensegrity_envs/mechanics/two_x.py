@@ -19,7 +19,7 @@ import numpy as np
 
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers, take
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
+from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, namespace_of
 
 _NO_LOAD = (0.0, 0.0)
 _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
@@ -558,17 +558,19 @@ class TwoX:
     def inverse_kinematics(self, x: float, y: float) -> list[InverseSolution]:
         """All configurations within the joint limits whose tip is at (x, y) [m], in the crossed assembly, sorted by alpha_1.
 
-        Without offsets: the quartic of [Furet2018, Eqs. 3-8]; its real roots are candidates only (on one curve a double root is no
-        configuration at all), so each is polished and verified by forward kinematics. With offsets: a one-dimensional search.
+        The real roots of one polynomial, of degree eight with offsets and, without, the quartic of [Furet2018, Eqs. 3-8]. They are
+        candidates only (on one curve a double root is no configuration at all): each is polished and verified by forward kinematics.
+        Two solutions closer than 1e-6 rad to one another, next to a singularity, are given as one.
 
         Returns:
             The solutions, an empty list where the target is out of reach.
 
         Raises:
-            ValueError: x or y is not a finite number, or (without offsets) the target is the base itself, which every
-                configuration with alpha_1 + alpha_2 = +-2 pi reaches.
+            ValueError: x or y is not a finite number, the mechanism is a batch of designs, or (without offsets) the target is
+                the base itself, which every configuration with alpha_1 + alpha_2 = +-2 pi reaches.
         """
-        _check_finite("target", (x, y), 2)
+        if is_batch(self._probe):
+            raise ValueError("inverse_kinematics takes one design, not a batch of them; see inverse_kinematics_batch")
         _, found, residual = self._inverse(np.array([float(x)]), np.array([float(y)]))
         solutions = []
         for a1, a2, distance in zip(found[0].tolist(), found[1].tolist(), residual.tolist(), strict=True):
@@ -586,7 +588,10 @@ class TwoX:
             y: shape (n,) [m].
 
         Returns:
-            alpha_1 and alpha_2, each of shape (n, m) [rad], m the largest number of solutions, padded with NaN.
+            alpha_1 and alpha_2, each of shape (n, m) [rad], m the largest number of solutions (at least 1), padded with NaN.
+
+        Raises:
+            ValueError: as `inverse_kinematics`, and where the designs of a batch differ in b, l or a.
         """
         owner, found, _ = self._inverse(np.asarray(x, float), np.asarray(y, float))
         counts = np.bincount(owner, minlength=len(x))
@@ -600,6 +605,7 @@ class TwoX:
         """Candidates, polished and verified: index of the target, configuration and residual of every solution."""
         if any(isinstance(value, np.ndarray) for value in (self.design.a, self.design.b, self.design.l)):
             raise ValueError("inverse kinematics takes one set of bar lengths, not a batch of them")
+        _check_finite("target", (x, y), 2)
         owner, a1, a2 = self._candidates(x, y)
         near = np.maximum(np.abs(a1), np.abs(a2)) < self.design.joint_limit + 0.1
         owner, a1, a2 = owner[near], a1[near], a2[near]
@@ -656,6 +662,11 @@ class TwoX:
         (Without offsets h^2 divides it; what is left is the quartic of [Furet2018, Eqs. 3-8] in another variable.)
         """
         a, l, bb = self.design.a, self.design.l, self._bb
+        distance = np.maximum(np.abs(x), np.abs(y))
+        if a == 0 and (distance < 1e-12 * l).any():
+            raise ValueError("target (0, 0) is the base: every configuration with alpha_1 + alpha_2 = +-2 pi reaches it")
+        within = np.flatnonzero(distance <= self.reach)
+        x, y = x[within], y[within]
         psi = np.arange(_SAMPLES) * (2 * math.pi / _SAMPLES)
         flatness = self._excess / (l * l)
         hh = np.cos(psi) ** 2 + flatness * np.sin(psi) ** 2
@@ -681,6 +692,7 @@ class TwoX:
         # Where the curve crosses itself (u = 0) a point of it belongs to both signs of alpha_2.
         node = np.flatnonzero(np.abs(u) < 1e-3 * l * l)
         fold = 2 * np.arccos(np.clip(rc[node] / np.sqrt(rr[node] + 1e-300), -1.0, 1.0))
+        owner = within[owner]
         return (
             np.concatenate([owner, owner[node], owner[node]]),
             np.concatenate([a1, a1[node], a1[node]]),

@@ -84,6 +84,13 @@ class Reach:
         """Whether the tip is within tolerance, in a stable and wrench-feasible state."""
         return (error <= self.tolerance) & (failure == RUNNING)
 
+    def effort(self, state: State) -> Component:
+        """Mean over the cables of (tension / max_tension)^2, between 0 and 1."""
+        total: Component = 0.0
+        for f in state.inputs:
+            total = total + f * f
+        return total / (len(state.inputs) * self.max_tension**2)
+
     def reward_terms(
         self, xp: Any, error: Component, state: State, solutions: tuple[Components, ...] | None
     ) -> dict[str, Component]:
@@ -106,16 +113,12 @@ class Reach:
             for angle, goal in zip(state.configuration, solution, strict=True):
                 to_this = xp.maximum(to_this, abs(angle - goal))
             gap = to_this if gap is None else xp.minimum(gap, to_this)
-        effort: Component = 0.0
-        for f in state.inputs:
-            effort = effort + f * f
-        effort = effort / (len(state.inputs) * self.max_tension**2)
         closeness = 1.0 / (1.0 + xp.sqrt(error / self.tolerance))
         return {
             "distance": w.distance * running * closeness,
             "potential": w.potential * running * xp.maximum(1.0 - gap / self.joint_span, 0.0),
             "success": w.success * success,
-            "effort": w.effort * running * (1.0 - effort),
+            "effort": w.effort * running * (1.0 - self.effort(state)),
             "stability": w.stability * running * xp.minimum(xp.maximum(state.stability_margin / _FULL_MARGIN, 0.0), 1.0),
             "wrench": w.wrench * running * xp.minimum(xp.maximum(state.wrench_margin / _FULL_MARGIN, 0.0), 1.0),
         }

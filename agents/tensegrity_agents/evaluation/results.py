@@ -1,0 +1,58 @@
+"""What an evaluation records: one row for every episode, and the files that it is kept in."""
+
+import csv
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+# Columns of the per-episode CSV, with their units.
+COLUMNS = (
+    "success",  # tip within tolerance at the end, stable and wrench-feasible: 0 or 1
+    "success_ever",  # the same at any step
+    "final_error_m",  # tip error at the end [m]
+    "steps_to_target",  # first step within tolerance, NaN if never
+    "steps",  # length of the episode
+    "unstable_share",  # of the steps, in which stability was lost
+    "infeasible_share",  # of the steps, in which no feasible tensions held the arm
+    "min_stability_margin",
+    "min_wrench_margin",
+    "effort",  # mean over steps and cables of (tension / max_tension)^2
+    "return",  # sum of rewards
+)
+
+
+@dataclass
+class Run:
+    """One controller (one trained policy) on one set of episodes.
+
+    Attributes:
+        controller: name, as in the table.
+        kind: "agent", "baseline", "oracle" or "random".
+        columns: COLUMNS, each of shape (episodes,).
+        seeds: seed of every episode, shape (episodes,).
+        reasons: why each episode was terminated, "" where it was not.
+        microseconds_per_action: wall time of `predict` divided by the number of actions it gave.
+        training_seed: of a trained policy, else None.
+    """
+
+    controller: str
+    kind: str
+    columns: dict[str, np.ndarray]
+    seeds: np.ndarray
+    reasons: list[str]
+    microseconds_per_action: float
+    training_seed: int | None = None
+    notes: str = ""
+    info: dict[str, object] = field(default_factory=dict)
+
+
+def write_csv(runs: list[Run], path: Path) -> None:
+    """Write one row per controller and episode."""
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["controller", "kind", "training_seed", "episode_seed", *COLUMNS, "termination_reason"])
+        for run in runs:
+            for i, seed in enumerate(run.seeds):
+                values = [repr(float(run.columns[name][i])) for name in COLUMNS]
+                writer.writerow([run.controller, run.kind, run.training_seed, int(seed), *values, run.reasons[i]])

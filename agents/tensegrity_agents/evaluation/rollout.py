@@ -1,0 +1,153 @@
+"""Run any controller on a fixed set of episodes. Which controller it is, is never asked."""
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+import tensegrity_envs  # noqa: F401  (registers the ids)
+
+from tensegrity_agents.evaluation.results import Run
+
+
+class Controller(Protocol):
+    """Whatever has Stable-Baselines3's `predict`; `begin_episodes` is optional.
+
+    Observations are the environment's Dict, batched: arrays of shape (n, ...). Actions: shape (n, action size), in [-1, 1].
+
+    `begin_episodes(mask, design, privileged)`, where it is defined, is called before the first `predict` of new episodes with the mask of the
+    environments that begin one, the nominal design, and None; a controller whose class says `wants_privileged = True` (an oracle)
+    gets the true design of every environment instead of None.
+    """
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[np.ndarray, Any]:
+        """Actions for a batch of observations, and the controller's next state."""
+        ...
+
+
+def evaluate(
+    controller: Any,
+    env_id: str,
+    episodes: int,
+    first_seed: int,
+    name: str,
+    kind: str = "baseline",
+    env_options: dict[str, Any] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    batch: int = 1000,
+) -> Run:
+    """Evaluate a controller on the first episodes of the seeds first_seed, first_seed + 1, ...
+
+    Args:
+        controller: see `Controller`.
+        env_id: Gymnasium id.
+        episodes: how many; each has a seed of its own, so every controller meets the same ones.
+        first_seed: for published numbers `tensegrity_envs.seeding.TEST_SEED`.
+        name: for the table.
+        kind: "agent", "baseline", "oracle" or "random".
+        env_options: further arguments of the environment.
+        progress: called with (steps done, steps at most).
+        batch: environments stepped at once.
+    """
+    parts = []
+    actions_given, seconds = 0, 0.0
+    limit = gym.spec(env_id).max_episode_steps or 100
+    for first in range(0, episodes, batch):
+        count = min(batch, episodes - first)
+        envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", **(env_options or {}))
+        record = _Record(count, limit)
+        observation, info = envs.reset(seed=first_seed + first)
+        record.add(info, np.zeros(count), np.ones(count, bool), initial=True)
+        begin = getattr(controller, "begin_episodes", None)
+        if begin is not None:
+            privileged = envs.unwrapped.true_design if getattr(controller, "wants_privileged", False) else None
+            begin(np.ones(count, bool), envs.unwrapped.design, privileged)
+        state: Any = None
+        start = np.ones(count, bool)
+        alive = np.ones(count, bool)
+        for step in range(limit):
+            before = time.perf_counter()
+            actions, state = controller.predict(observation, state=state, episode_start=start, deterministic=True)
+            seconds += time.perf_counter() - before
+            actions_given += count
+            observation, reward, terminated, truncated, info = envs.step(actions)
+            start = terminated | truncated
+            record.add(_last_info(info, start), reward, alive)
+            alive &= ~start
+            if progress is not None:
+                progress(first * limit + (step + 1) * count, episodes * limit)
+            if not alive.any():
+                break
+        envs.close()
+        parts.append(record)
+    columns = {key: np.concatenate([part.columns()[key] for part in parts]) for key in parts[0].columns()}
+    reasons = [reason for part in parts for reason in part.reasons]
+    return Run(
+        name, kind, columns, first_seed + np.arange(episodes), reasons, 1e6 * seconds / max(actions_given, 1)
+    )
+
+
+def _last_info(info: dict[str, Any], ended: np.ndarray) -> dict[str, Any]:
+    """Info of the step itself: of the episode that ended where one did."""
+    if not ended.any():
+        return info
+    last = info["final_info"]
+    return {
+        key: np.where(ended.reshape(-1, *[1] * (np.ndim(last[key]) - 1)), last[key], info[key])
+        for key in last
+        if not key.startswith("_")
+    }
+
+
+class _Record:
+    """Running totals of the episodes of one batch."""
+
+    def __init__(self, count: int, limit: int) -> None:
+        self.limit = limit
+        zeros = np.zeros(count)
+        self.steps, self.unstable, self.infeasible = zeros.copy(), zeros.copy(), zeros.copy()
+        self.effort, self.total = zeros.copy(), zeros.copy()
+        self.success, self.ever = np.zeros(count, bool), np.zeros(count, bool)
+        self.first = np.full(count, np.nan)
+        self.error = np.full(count, np.nan)
+        self.stability, self.wrench = np.full(count, np.inf), np.full(count, np.inf)
+        self.reasons = [""] * count
+
+    def add(self, info: dict[str, Any], reward: np.ndarray, alive: np.ndarray, initial: bool = False) -> None:
+        """Add a step of the episodes that are still running."""
+        success = info["is_success"].astype(bool)
+        self.success[alive] = success[alive]
+        self.error[alive] = info["tip_error"][alive]
+        self.first[alive & success & np.isnan(self.first)] = (self.steps + (not initial))[alive & success & np.isnan(self.first)]
+        self.ever |= success & alive
+        self.stability[alive] = np.minimum(self.stability, info["stability_margin"])[alive]
+        self.wrench[alive] = np.minimum(self.wrench, info["wrench_margin"])[alive]
+        if initial:
+            return
+        self.steps += alive
+        self.total += np.where(alive, reward, 0.0)
+        self.unstable += alive & ~info["is_stable"].astype(bool)
+        self.infeasible += alive & ~info["is_wrench_feasible"].astype(bool)
+        self.effort += np.where(alive, info["effort"], 0.0)
+        for i in np.flatnonzero(alive & (info["failure"] != 0)):
+            self.reasons[i] = str(info["termination_reason"][i])
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The columns of the table. An episode that ended by failure did not succeed."""
+        steps = np.maximum(self.steps, 1)
+        return {
+            "success": self.success.astype(float),
+            "success_ever": self.ever.astype(float),
+            "final_error_m": self.error,
+            "steps_to_target": self.first,
+            "steps": self.steps,
+            "unstable_share": self.unstable / steps,
+            "infeasible_share": self.infeasible / steps,
+            "min_stability_margin": self.stability,
+            "min_wrench_margin": self.wrench,
+            "effort": self.effort / steps,
+            "return": self.total,
+        }
