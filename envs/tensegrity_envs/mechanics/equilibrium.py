@@ -21,8 +21,10 @@ _CONVERGED = 1e-6  # last Newton step [rad or m]; the error that it leaves is of
 _ITERATIONS = 6
 _CONTRACTION = 0.25  # a Newton step longer than this times the one before: too far from the path
 _FIRST_STEP = 0.8  # longest first step of a sub-step [rad or m]
-_SECTIONS = 16
-_SHORTEST_SUBSTEP = 2.0**-8
+_CHANGE = 3.0  # the smallest pivot of the Hessian changes at most by this factor between the first and the last step
+_ITERATIONS_OF_SUBSTEP = 3  # leave an error that the next sub-step corrects
+_SECTIONS = 8
+_SHORTEST_SUBSTEP = 2.0**-12
 
 
 class Equilibrium(NamedTuple):
@@ -76,31 +78,35 @@ def solve_symmetric(matrix: Hessian, right: Components) -> tuple[Components, Com
     return tuple(x), smallest
 
 
-def _newton(statics: Statics, q: Components) -> tuple[Components, Component]:
-    """Newton's method inside a region where the energy is convex: (configuration, whether it failed).
+def _newton(statics: Statics, q: Components, iterations: int = _ITERATIONS) -> tuple[Components, Component, Component]:
+    """Newton's method inside a region where the energy is convex: (configuration, whether it failed, last step).
 
-    It fails at the first indefinite Hessian, the first long step, or the first step that does not contract: by then it may be
-    on its way to an equilibrium that is not the continuation of the one it started from [Deuflhard, Newton Methods for Nonlinear Problems].
+    It fails at the first indefinite Hessian, the first long step, the first step that does not contract, or where the Hessian has
+    changed much on the way: by then it may be heading for an equilibrium that is not the continuation of the one it started from
+    [Deuflhard, Newton Methods for Nonlinear Problems]. With both conditions it never leaves the branch of a cubic gradient, whatever its coefficients.
     Each element of a batch stops where it would stop alone, so that a batch of one and of many give the same numbers.
     """
     failed: Component = False
     done: Component = False
     longest: Component = _FIRST_STEP
-    for _ in range(_ITERATIONS):
+    first: Component = None
+    for _ in range(iterations):
         gradient, hessian = statics(q)
         step, pivot = solve_symmetric(hessian, gradient)
         xp = namespace_of(pivot)
         size = abs(step[0])
         for component in step[1:]:
             size = xp.maximum(size, abs(component))
-        failed = xp.where(done, failed, (pivot <= 0) | (size > longest))
+        first = pivot if first is None else first
+        # The first comparison is also true where the first pivot is negative.
+        failed = xp.where(done, failed, (pivot <= first / _CHANGE) | (pivot > _CHANGE * first) | (size > longest))
         done = done | failed
         q = tuple(qi - xp.where(done, 0.0, si) for qi, si in zip(q, step, strict=True))
         done = done | (size <= _CONVERGED)
         if done if isinstance(done, bool) else done.all():
-            return q, failed
+            break
         longest = xp.maximum(_CONTRACTION * size, _CONVERGED)
-    return q, failed | (size > _CONVERGED)
+    return q, failed, size
 
 
 def follow(path: PathStatics, q: Components) -> tuple[Components, Component]:
@@ -116,7 +122,8 @@ def follow(path: PathStatics, q: Components) -> tuple[Components, Component]:
     Returns:
         The coordinates, and the fraction of the path that was covered: 1, or less where stability ended, known to 1/256.
     """
-    q1, failed = _newton(lambda p: path(p, 1.0, None), q)
+    q1, failed, size = _newton(lambda p: path(p, 1.0, None), q)
+    failed = failed | (size > _CONVERGED)
     if not is_batch(*q):
         if not failed:
             return q1, 1.0
@@ -133,24 +140,25 @@ def follow(path: PathStatics, q: Components) -> tuple[Components, Component]:
 
 def _follow_in_substeps(path: PathStatics, q: Components, index: np.ndarray) -> tuple[Components, np.ndarray]:
     q = tuple(qi.copy() for qi in q)
-    t, dt = np.zeros(len(index)), np.ones(len(index))
+    t, reach = np.zeros(len(index)), np.ones(len(index))
     active = np.arange(len(index))
     while len(active):
-        # Many lengths at once, from the same start; the longest below the first that fails is taken.
-        lengths = np.arange(1, _SECTIONS + 1) / _SECTIONS * dt[active, None]
+        # Many lengths at once, from the same start, each half of the next; the longest up to which none fails is taken.
+        lengths = reach[active, None] * 2.0 ** np.arange(1 - _SECTIONS, 1)
         ahead = np.minimum(t[active, None] + lengths, 1.0).ravel()
         members = np.repeat(index[active], _SECTIONS)
         start = tuple(np.repeat(qi[active], _SECTIONS) for qi in q)
-        found, failed = _newton(lambda p, ahead=ahead, members=members: path(p, ahead, members), start)
+        found, failed, _ = _newton(lambda p, a=ahead, m=members: path(p, a, m), start, _ITERATIONS_OF_SUBSTEP)
         good = np.logical_and.accumulate(~failed.reshape(-1, _SECTIONS), axis=1).sum(axis=1)
         moved = np.flatnonzero(good)
         row = moved * _SECTIONS + good[moved] - 1
         for whole, new in zip(q, found, strict=True):
             whole[active[moved]] = new[row]
         t[active[moved]] = ahead[row]
-        dt[active] *= np.where(good == _SECTIONS, _SECTIONS, 1 / _SECTIONS)
-        active = active[(t[active] < 1.0) & (dt[active] > _SHORTEST_SUBSTEP)]
-    return q, t
+        reach[active] *= 2.0 ** (good + 1 - _SECTIONS)
+        active = active[(t[active] < 1.0) & (reach[active] > _SHORTEST_SUBSTEP)]
+    polished, failed, _ = _newton(lambda p: path(p, t, index), q)
+    return tuple(np.where(failed, qi, p) for qi, p in zip(q, polished, strict=True)), t
 
 
 def settle(statics: Statics, start: Sequence[Component], limit: float) -> Equilibrium:

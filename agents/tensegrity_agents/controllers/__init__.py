@@ -1,0 +1,44 @@
+"""Controllers: whatever has `predict(observation, state, episode_start, deterministic)`, by name."""
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+from tensegrity_agents.controllers.analytic import BASELINES
+
+__all__ = ["BASELINES", "make_controller"]
+
+
+def make_controller(name: str, env_id: str) -> Any:
+    """A baseline by name, or a class of your own as "module:Class".
+
+    Args:
+        name: one of BASELINES, or "module:Class"; the module is looked up on the path and in the working directory, the class is called without
+            arguments.
+        env_id: Gymnasium id of the environment that it will control.
+
+    Raises:
+        ValueError: there is no such controller; the message lists those that exist.
+    """
+    if name in BASELINES:
+        return BASELINES[name](control=gym.spec(env_id).kwargs["control"])
+    if ":" not in name:
+        raise ValueError(f"controller {name!r}: there are {', '.join(BASELINES)}, or your own class as 'module:Class'")
+    module_name, _, class_name = name.partition(":")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        module = importlib.import_module(module_name)
+    except ImportError as error:
+        raise ValueError(f"controller {name!r}: module {module_name!r} cannot be imported ({error})") from error
+    if not hasattr(module, class_name):
+        classes = [key for key, value in vars(module).items() if isinstance(value, type)]
+        raise ValueError(f"controller {name!r}: {module_name} has no {class_name!r}; it has {', '.join(classes) or 'no classes'}")
+    controller = getattr(module, class_name)()
+    if not callable(getattr(controller, "predict", None)):
+        raise ValueError(f"controller {name!r}: it has no predict(observation, state, episode_start, deterministic) method")
+    return controller

@@ -1,0 +1,247 @@
+"""The analytic controllers of the literature, and what each of them knows."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from tensegrity_envs.mechanics import TwoX, TwoXDesign
+
+from tensegrity_agents.controllers.planning import choose_solution, plan
+from tensegrity_agents.controllers.reading import Reading, configuration_from_tip, estimate_payload, read
+from tensegrity_agents.controllers.tracking import joint_action, tension_action
+
+_ARRIVED = 1e-3  # [rad] from a way point to the next
+
+
+class Memory(NamedTuple):
+    """What a controller carries from step to step, for n environments.
+
+    Attributes:
+        configuration: last known, (n, 2) [rad].
+        commanded: that the last command aimed at, (n, 2) [rad].
+        payload: believed, (n,) [kg].
+        integral: of the tip error, (n, 2) [m].
+        paths: way points (k, 2) still to be visited, of each environment.
+    """
+
+    configuration: np.ndarray
+    commanded: np.ndarray
+    payload: np.ndarray
+    integral: np.ndarray
+    paths: list[np.ndarray]
+
+
+class AnalyticController:
+    """Reads the observation, remembers what it needs, acts. Subclasses say what to believe and where to go.
+
+    Args:
+        control: "joint" or "tension", as the environment's.
+    """
+
+    wants_privileged = False
+    knows = ""
+
+    def __init__(self, control: str = "joint") -> None:
+        if control not in ("joint", "tension"):
+            raise ValueError(f"control = {control!r}: must be 'joint' or 'tension'")
+        self.control = control
+        self.nominal: TwoX | None = None
+        self.privileged: TwoXDesign | None = None
+
+    def begin_episodes(self, mask: np.ndarray, design: TwoXDesign, privileged: TwoXDesign | None = None) -> None:
+        """Take the nominal design and, if this controller asks for it, the true one."""
+        self.nominal = TwoX(design)
+        self.privileged = privileged
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Memory]:
+        """Actions (n, size) for a batch of n observations."""
+        if self.nominal is None:
+            raise RuntimeError(f"{type(self).__name__}: call begin_episodes(mask, design) before predict")
+        reading = read(observation, self.nominal.design)
+        n = len(reading.tip)
+        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        memory = self._perceive(reading, state, fresh)
+        if fresh.any():
+            index = np.flatnonzero(fresh)
+            part = Reading(*(None if values is None else values[index] for values in reading))
+            for i, path in zip(index, self._paths(self._believed(memory, index), memory.commanded[index], part), strict=True):
+                memory.paths[i] = path
+        return self._act(reading, memory)
+
+    def _perceive(self, reading: Reading, memory: Memory | None, fresh: np.ndarray) -> Memory:
+        """Configuration and payload as this controller believes them to be."""
+        assert self.nominal is not None
+        n = len(fresh)
+        q = configuration_from_tip(self.nominal, reading, None)
+        begun = q
+        if self.control == "tension" and fresh.any():
+            # The command that the tensions stand for: where the nominal arm would be under them.
+            rest = self.nominal.equilibrium(tuple(reading.tensions.T), tuple(q.T))
+            begun = np.where(np.asarray(rest.is_stable)[:, None], np.stack(rest.configuration, axis=1), q)
+        if memory is None:
+            payload = np.full(n, float(self.nominal.design.payload))
+            return Memory(q, begun, payload, np.zeros((n, 2)), [np.zeros((0, 2))] * n)
+        if reading.configuration is None:
+            q = np.where(fresh[:, None], q, configuration_from_tip(self.nominal, reading, memory.configuration))
+        keep = ~fresh[:, None]
+        return memory._replace(
+            configuration=q, commanded=np.where(keep, memory.commanded, begun), integral=np.where(keep, memory.integral, 0.0)
+        )
+
+    def _believed(self, memory: Memory, index: np.ndarray | None = None) -> TwoX:
+        """The arm as this controller believes it to be."""
+        assert self.nominal is not None
+        return self.nominal
+
+    def _paths(self, model: TwoX, start: np.ndarray, reading: Reading) -> list[np.ndarray]:
+        """Way points for the episodes that begin: the chosen inverse solution."""
+        goal, _ = choose_solution(model, start, reading.target)
+        return [point[None] for point in goal]
+
+    def _goals(self, here: np.ndarray, memory: Memory) -> np.ndarray:
+        """The next way point of each environment; those already visited are dropped."""
+        goals = here.copy()
+        for i, path in enumerate(memory.paths):
+            while len(path) > 1 and np.abs(path[0] - here[i]).max() < _ARRIVED:
+                path = path[1:]  # noqa: PLW2901
+            memory.paths[i] = path
+            if len(path):
+                goals[i] = path[0]
+        return goals
+
+    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+        if self.control == "joint":
+            return joint_action(memory.configuration, self._goals(memory.configuration, memory)), memory
+        goals = self._goals(memory.commanded, memory)
+        action, commanded = tension_action(self._believed(memory), memory.commanded, goals, reading.tensions)
+        return action, memory._replace(commanded=commanded)
+
+
+class ClosedFormIK(AnalyticController):
+    """All inverse solutions in closed form; the one whose straight joint path stays feasible and is shortest; then straight there.
+
+    In cable control, the stiffest tensions of the *nominal* arm along the path.
+    """
+
+    knows = "the nominal design; plans once, no feedback"
+
+
+class PseudoInverse(AnalyticController):
+    """Resolved rate: joint steps from the damped pseudo-inverse of the Jacobian, with feedback and integral action on the tip error.
+
+    In cable control the commanded configuration is moved by these steps, which is the integral action that makes up for an unknown load; the cables
+    take the stiffest tensions of the nominal arm there.
+    """
+
+    knows = "the nominal design; feedback of the tip error"
+    gain = 0.5
+    integral_gain = 0.05
+    damping = 0.02  # [m/rad]
+
+    def _paths(self, model: TwoX, start: np.ndarray, reading: Reading) -> list[np.ndarray]:
+        return [np.zeros((0, 2))] * len(start)
+
+    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+        assert self.nominal is not None
+        error = reading.target - reading.tip
+        # Conditional integration: only close to the target, where the integral is to remove what is left.
+        close = np.hypot(*error.T)[:, None] < 0.05
+        integral = np.where(close, memory.integral + error, 0.0)
+        wanted = self.gain * error + self.integral_gain * integral
+        (xa, xb), (ya, yb) = self.nominal.jacobian(tuple(memory.configuration.T))
+        # J^T (J J^T + d^2 I)^-1, for 2 x 2 matrices
+        d = self.damping**2
+        m11, m12, m22 = xa * xa + xb * xb + d, xa * ya + xb * yb, ya * ya + yb * yb + d
+        det = m11 * m22 - m12 * m12
+        u, v = (m22 * wanted[:, 0] - m12 * wanted[:, 1]) / det, (m11 * wanted[:, 1] - m12 * wanted[:, 0]) / det
+        step = np.stack([xa * u + ya * v, xb * u + yb * v], axis=1)
+        memory = memory._replace(integral=integral)
+        if self.control == "joint":
+            return joint_action(memory.configuration, memory.configuration + step), memory
+        limit = self.nominal.design.joint_limit
+        goal = np.clip(memory.commanded + step, -limit, limit)
+        action, commanded = tension_action(self.nominal, memory.commanded, goal, reading.tensions)
+        return action, memory._replace(commanded=commanded)
+
+
+class Observer(AnalyticController):
+    """Solves payload and configuration from tip and tensions, then the closed form for that payload."""
+
+    knows = "the nominal design; identifies the payload from tip and tensions"
+
+    def _perceive(self, reading: Reading, memory: Memory | None, fresh: np.ndarray) -> Memory:
+        assert self.nominal is not None
+        believed = super()._perceive(reading, memory, fresh)
+        first = estimate_payload(self.nominal, reading, None)
+        if memory is None:
+            return believed._replace(configuration=first.configuration, commanded=first.configuration, payload=first.payload)
+        new = fresh[:, None]
+        return believed._replace(
+            configuration=np.where(new, first.configuration, believed.configuration),
+            commanded=np.where(new, first.configuration, believed.commanded),
+            payload=np.where(fresh, first.payload, believed.payload),
+        )
+
+    def _believed(self, memory: Memory, index: np.ndarray | None = None) -> TwoX:
+        assert self.nominal is not None
+        payload = memory.payload if index is None else memory.payload[index]
+        return TwoX(replace(self.nominal.design, payload=payload))
+
+
+class Oracle(Observer):
+    """Told the true payload; where no straight joint path is feasible, plans one around the gaps of the feasible set."""
+
+    wants_privileged = True
+    knows = "the true payload; plans paths inside the stable wrench-feasible set"
+
+    def begin_episodes(self, mask: np.ndarray, design: TwoXDesign, privileged: TwoXDesign | None = None) -> None:
+        """Take the nominal and the true design.
+
+        Raises:
+            ValueError: the evaluation did not hand over the true design.
+        """
+        if privileged is None:
+            raise ValueError("Oracle: needs the privileged design (evaluate it through tensegrity_agents.evaluation.rollout)")
+        super().begin_episodes(mask, design, privileged)
+
+    def _perceive(self, reading: Reading, memory: Memory | None, fresh: np.ndarray) -> Memory:
+        assert self.privileged is not None
+        told = np.broadcast_to(np.asarray(self.privileged.payload, float), fresh.shape)
+        return super()._perceive(reading, memory, fresh)._replace(payload=told)
+
+    def _paths(self, model: TwoX, start: np.ndarray, reading: Reading) -> list[np.ndarray]:
+        goal, straight = choose_solution(model, start, reading.target)
+        paths = [point[None] for point in goal]
+        for i in np.flatnonzero(~straight):
+            around = plan(model.take(i), start[i], reading.target[i])
+            if around:
+                paths[i] = np.array(around)
+        return paths
+
+
+class RandomController:
+    """Uniform random actions: the zero of the normalized score."""
+
+    knows = "nothing"
+
+    def __init__(self, control: str = "joint", seed: int = 0) -> None:
+        self.size = {"joint": 2, "tension": 4}[control]
+        self._rng = np.random.default_rng(seed)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, None]:
+        """Actions (n, size)."""
+        return self._rng.uniform(-1.0, 1.0, (len(observation["achieved_goal"]), self.size)), None
+
+
+BASELINES: dict[str, Callable[..., Any]] = {
+    "closed_form_ik": ClosedFormIK,
+    "pseudo_inverse": PseudoInverse,
+    "observer": Observer,
+    "oracle": Oracle,
+    "random": RandomController,
+}

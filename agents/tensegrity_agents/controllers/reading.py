@@ -1,0 +1,116 @@
+"""What an analytic controller reads off the observation: positions, tensions and, where they can be seen or inferred, joint angles."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from tensegrity_envs.mechanics import TwoX
+
+
+class Reading(NamedTuple):
+    """A batch of n observations in SI units.
+
+    Attributes:
+        tip: shape (n, 2) [m].
+        target: shape (n, 2) [m].
+        tensions: shape (n, 4) [N].
+        configuration: shape (n, 2) [rad], or None where joint angles are not observed.
+    """
+
+    tip: np.ndarray
+    target: np.ndarray
+    tensions: np.ndarray
+    configuration: np.ndarray | None
+
+
+def read(observation: Any, design: Any) -> Reading:
+    """Undo the normalization that `Core.observation` documents.
+
+    Args:
+        observation: Dict of arrays of shape (n, ...).
+        design: the nominal design.
+    """
+    vector = np.asarray(observation["observation"], float)
+    low, high = design.min_tension, design.max_tension
+    configuration = None
+    if vector.shape[1] > 6:
+        configuration = np.arctan2(vector[:, [6, 8]], vector[:, [7, 9]])
+    return Reading(
+        np.asarray(observation["achieved_goal"], float),
+        np.asarray(observation["desired_goal"], float),
+        (vector[:, 2:6] * (high - low) + high + low) / 2,
+        configuration,
+    )
+
+
+class Estimate(NamedTuple):
+    """Configuration and payload that explain a reading.
+
+    Attributes:
+        configuration: shape (n, 2) [rad].
+        payload: shape (n,) [kg].
+    """
+
+    configuration: np.ndarray
+    payload: np.ndarray
+
+
+def configuration_from_tip(model: TwoX, reading: Reading, near: np.ndarray | None) -> np.ndarray:
+    """Joint angles of shape (n, 2): observed, or else from the tip by inverse kinematics.
+
+    Of several inverse solutions, the one closest to `near` (the last known configuration), or without it the one that is closest to equilibrium
+    under the measured tensions according to the model.
+    """
+    if reading.configuration is not None:
+        return reading.configuration
+    table, missing = solutions(model, reading.tip)
+    if near is not None:
+        score = np.abs(table - near[None, :, None]).max(axis=0) if near.ndim == 1 else _gap(table, near)
+    else:
+        gradient = model_columns(model, table, reading.tensions)
+        score = np.hypot(*gradient)
+    score = np.where(missing, np.inf, score)
+    best = np.argmin(score, axis=1)
+    rows = np.arange(len(best))
+    found = table[:, rows, best].T
+    if near is not None:  # close to a singularity rounding may leave the tip without an inverse solution
+        found = np.where(np.isfinite(score[rows, best])[:, None], found, near)
+    return np.nan_to_num(found)
+
+
+def estimate_payload(nominal: TwoX, reading: Reading, near: np.ndarray | None) -> Estimate:
+    """Configuration and payload from tip and tensions: the payload is hidden, but in a static task it can be identified.
+
+    For each inverse solution of the tip the two equilibrium equations are linear in the payload; least squares gives it, and the solution whose
+    residual is smallest is the configuration.
+    """
+    table, missing = solutions(nominal, reading.tip)
+    if reading.configuration is not None:
+        table, missing = reading.configuration.T[:, :, None], np.zeros((len(reading.tip), 1), bool)
+    balance = np.stack(model_columns(nominal, table, reading.tensions))  # gradient with the nominal payload [N m]
+    lever = np.stack(nominal.jacobian(tuple(table))[1]) * nominal.design.gravity  # gradient of 1 kg at the tip
+    extra = -(balance * lever).sum(axis=0) / np.maximum((lever * lever).sum(axis=0), 1e-12)
+    extra = np.maximum(extra, -nominal.design.payload)
+    residual = np.hypot(*(balance + extra * lever))
+    if near is not None:
+        residual = residual + 0.1 * _gap(table, near)
+    residual = np.where(missing, np.inf, residual)
+    best = np.argmin(residual, axis=1)
+    rows = np.arange(len(best))
+    return Estimate(np.nan_to_num(table[:, rows, best].T), nominal.design.payload + np.nan_to_num(extra[rows, best]))
+
+
+def solutions(model: TwoX, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse solutions of positions of shape (n, 2): a table (2, n, m) [rad], and where it has none (n, m)."""
+    table = np.stack(model.inverse_kinematics_batch(position[:, 0], position[:, 1]))
+    missing = np.isnan(table[0])
+    return np.where(missing, 0.0, table), missing
+
+
+def model_columns(model: TwoX, table: np.ndarray, tensions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Energy gradient [N m] at a table (2, n, m) of configurations under tensions of shape (n, 4)."""
+    first, second = model.energy_gradient(tuple(table), tuple(tensions.T[:, :, None]))
+    return np.broadcast_to(first, table.shape[1:]), np.broadcast_to(second, table.shape[1:])
+
+
+def _gap(table: np.ndarray, near: np.ndarray) -> np.ndarray:
+    return np.asarray(np.abs(table - near.T[:, :, None]).max(axis=0))

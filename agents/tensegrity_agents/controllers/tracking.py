@@ -1,0 +1,43 @@
+"""Actions that move the arm along a joint path within the rates of the environment."""
+
+import numpy as np
+from tensegrity_envs.mechanics import TwoX
+from tensegrity_envs.simulation import JointControl, TensionControl
+
+_SHARES = np.array([1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1, 0.05, 0.0])
+
+
+def joint_action(here: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """Straight towards `goal` (n, 2) [rad] as fast as the slower joint allows, exactly onto it in the last step."""
+    gap = goal - here
+    return np.asarray(gap / np.maximum(np.abs(gap).max(axis=1, keepdims=True), JointControl.rate))
+
+
+def tension_action(
+    model: TwoX, commanded: np.ndarray, goal: np.ndarray, tensions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tension increments towards the stiffest tensions of the next configuration on the straight path to `goal`.
+
+    Args:
+        model: as the controller knows it, one design or n.
+        commanded: configurations (n, 2) that the present command aims at [rad].
+        goal: (n, 2) [rad].
+        tensions: measured (n, 4) [N].
+
+    Returns:
+        Actions (n, 4), and the configurations (n, 2) that they aim at: as far along the path as the rates allow. Where they allow nothing (the cables
+        are not yet at their stiffest), the tensions go straight there, along the line of equal moments, which does not move the arm.
+    """
+    gap = goal - commanded
+    gap = gap / np.maximum(np.abs(gap).max(axis=1, keepdims=True) / JointControl.rate, 1.0)
+    low, high = model.design.min_tension, model.design.max_tension
+    # (shares, n): all candidates at once
+    ahead = commanded.T[:, None] + _SHARES[:, None] * gap.T[:, None]
+    wanted = np.clip(np.stack(model.stiffest_tensions(tuple(ahead))), low, high)
+    change = (wanted - tensions.T[:, None]) / TensionControl.rate
+    fits = np.abs(change).max(axis=0) <= 1.0
+    first = np.where(fits.any(axis=0), fits.argmax(axis=0), len(_SHARES) - 1)
+    rows = np.arange(len(commanded))
+    action = change[:, first, rows].T
+    action = action / np.maximum(np.abs(action).max(axis=1, keepdims=True), 1.0)
+    return action, ahead[:, first, rows].T
