@@ -140,7 +140,7 @@ class Core:
             if self.payload_range is not None:
                 mechanism = TwoX(replace(self.design, payload=batch["payload"]))
             solutions = feasible_solutions(mechanism, desired[:, 0], desired[:, 1])
-        reward = np.asarray(sum(self.task.reward_terms(np, error, state, solutions).values()))
+        reward = np.asarray(total_reward(self.task.reward_terms(np, error, state, solutions)))
         return float(reward[0]) if single else reward
 
     def compute_terminated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
@@ -167,6 +167,12 @@ def information(core: Core, state: State, error: Component, terms: dict[str, Com
         "effort": core.task.effort(state),
         **{f"reward_{name}": term for name, term in terms.items()},
     }
+
+
+def total_reward(terms: dict[str, Component]) -> Component:
+    """The sum of the terms to nine decimals, so that float, batch and relabelled computations give the same number to the last bit."""
+    total: Component = sum(terms.values())
+    return np.round(total, 9) if isinstance(total, np.ndarray) else round(total, 9)
 
 
 def _weights(given: dict[str, float] | RewardWeights | None) -> RewardWeights:

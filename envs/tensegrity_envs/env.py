@@ -5,7 +5,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from tensegrity_envs.core import Core, Episode, failure_name, information
+from tensegrity_envs.core import Core, Episode, failure_name, information, total_reward
 from tensegrity_envs.episodes import EpisodeQueue, as_floats
 from tensegrity_envs.mechanics.namespace import namespace_of
 from tensegrity_envs.rendering import Scene, Viewer, draw
@@ -127,7 +127,7 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             "achieved_goal": achieved,
             "desired_goal": self._desired.copy(),
         }
-        return observation, info, sum(terms.values())
+        return observation, info, total_reward(terms)
 
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
         """The reward that `step` would give for these goals, for one transition or a batch.
@@ -147,11 +147,8 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         return self.core.compute_terminated(achieved_goal, desired_goal, info)
 
     def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
-        """Whether that step reached the time limit of `gym.make`. Arguments as for `compute_reward`."""
-        limit = self.spec.max_episode_steps if self.spec is not None and self.spec.max_episode_steps else np.inf
-        if isinstance(info, dict):
-            return bool(info["step"] >= limit)
-        return np.array([i["step"] >= limit for i in info])
+        """Never: the time limit is `gym.make`'s TimeLimit wrapper, as in Gymnasium-Robotics. Arguments as for `compute_reward`."""
+        return False if np.ndim(achieved_goal) == 1 else np.zeros(len(achieved_goal), bool)
 
     def scene(self) -> Scene:
         """What `render` draws: the arm, its target and the trace of its tip."""

@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from tensegrity_envs.core import Core, Episode, failure_name, information
+from tensegrity_envs.core import Core, Episode, information, total_reward
 from tensegrity_envs.episodes import EpisodeQueue, put
 from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, State
 
@@ -173,12 +173,18 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
         info["step"] = self._steps.copy()
         info["termination_reason"] = _REASONS[state.failure]
         info |= {f"_{key}": self._all for key in info}
-        return np.asarray(sum(terms.values())), info
+        return np.asarray(total_reward(terms)), info
 
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
         """See `TwoXReachEnv.compute_reward`; `info` may also be the dict of arrays that `step` returns."""
         return self.core.compute_reward(achieved_goal, desired_goal, info)
 
-    def failure_name(self, code: int) -> str:
-        """Why an episode was terminated, in words."""
-        return failure_name(code)
+    def compute_terminated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+        """See `TwoXReachEnv.compute_terminated`; `info` may also be the dict of arrays that `step` returns."""
+        return self.core.compute_terminated(achieved_goal, desired_goal, info)
+
+    def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: dict[str, Any]) -> Any:
+        """Whether that step reached the time limit; `info` is the dict of arrays that `step` returns."""
+        if self.max_episode_steps is None:
+            return np.zeros(len(achieved_goal), bool)
+        return np.asarray(info["step"]) >= self.max_episode_steps

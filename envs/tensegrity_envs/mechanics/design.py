@@ -10,24 +10,30 @@ D = TypeVar("D")
 
 
 def require(condition: Any, design: str, field: str, value: Any, what: str) -> None:
-    """Raise ValueError naming the design, the field and its value unless the condition holds (for arrays: everywhere)."""
+    """Raise ValueError naming design, field and value unless the condition holds (for arrays: everywhere)."""
     if not np.all(condition):
         raise ValueError(f"{design}.{field} = {value!r}: must be {what}")
 
 
 def require_finite_numbers(design: Any) -> None:
-    """Raise unless every field of a design is a finite number (or an array of them).
+    """Raise unless every field of a design is a finite real number, or an array of them, all arrays of one shape.
 
     Raises:
         TypeError: a field is not a number.
-        ValueError: a field is NaN or infinite.
+        ValueError: a field is NaN or infinite, or the shapes of two arrays differ.
     """
     name = type(design).__name__
+    first: tuple[str, tuple[int, ...]] | None = None
     for field in dataclasses.fields(design):
         value = getattr(design, field.name)
-        if isinstance(value, bool) or not np.issubdtype(np.asarray(value).dtype, np.number):
-            raise TypeError(f"{name}.{field.name} = {value!r}: must be a number, in SI units")
+        kind = np.asarray(value).dtype.kind if isinstance(value, (int, float, np.generic, np.ndarray)) else ""
+        if isinstance(value, bool) or kind not in ("i", "u", "f"):
+            raise TypeError(f"{name}.{field.name} = {value!r}: must be a number or an array of numbers, in SI units")
         require(np.isfinite(value), name, field.name, value, "finite")
+        if isinstance(value, np.ndarray):
+            first = first or (field.name, value.shape)
+            what = f"of shape {first[1]}, as {first[0]} is: a batch of designs has one length"
+            require(value.shape == first[1], name, field.name, value, what)
 
 
 def take(design: D, index: Any) -> D:

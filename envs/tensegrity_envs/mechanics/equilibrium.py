@@ -1,7 +1,7 @@
 """Equilibria of any mechanism: following one by continuation, settling into one, finding all of them.
 
-A mechanism appears here only as `statics`: configuration -> (gradient, Hessian) of its potential energy, both as components
-(a tuple, and a tuple of rows). Nothing else about it is known.
+A mechanism appears here only as `statics`: configuration -> (gradient, Hessian) of its potential energy, both as
+components (a tuple, and a tuple of rows). Nothing else about it is known.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,16 +14,18 @@ from tensegrity_envs.mechanics.namespace import Component, Components, is_batch,
 
 Hessian = tuple[Components, ...]
 Statics = Callable[[Any], tuple[Components, Hessian]]
-# (configuration, path parameter in [0, 1], indices into the batch or None for all of it at parameter 1) -> gradient, Hessian
+# (configuration, indices into the batch or None for all of it) -> gradient, Hessian
+BatchStatics = Callable[[Any, Any], tuple[Components, Hessian]]
+# (configuration, path parameter in [0, 1], indices into the batch or None for all of it at parameter 1) -> the same
 PathStatics = Callable[[Any, Any, Any], tuple[Components, Hessian]]
 
 _CONVERGED = 1e-6  # last Newton step [rad or m]; the error that it leaves is of the order of its square
 _ITERATIONS = 6
 _CONTRACTION = 0.25  # a Newton step longer than this times the one before: too far from the path
 _FIRST_STEP = 0.8  # longest first step of a sub-step [rad or m]
-_CHANGE = 3.0  # the smallest pivot of the Hessian changes at most by this factor between the first and the last step
+_CHANGE = 3.0  # the determinant of the Hessian changes at most by this factor, from the start of a step to its end
 _ITERATIONS_OF_SUBSTEP = 3  # leave an error that the next sub-step corrects
-_SECTIONS = 8
+_SECTIONS = 12
 _SHORTEST_SUBSTEP = 2.0**-12
 
 
@@ -43,12 +45,12 @@ class Equilibrium(NamedTuple):
     reason: Any
 
 
-def solve_symmetric(matrix: Hessian, right: Components) -> tuple[Components, Component]:
+def solve_symmetric(matrix: Hessian, right: Components) -> tuple[Components, Component, Component]:
     """Solve a small symmetric system by L D L^T on components.
 
     Returns:
-        The solution, and the smallest pivot: positive exactly where the matrix is positive definite. Where a pivot is not
-        positive, the solution is finite and meaningless.
+        The solution, the smallest pivot, positive exactly where the matrix is positive definite, and the product of the
+        pivots. Where a pivot is not positive, the solution is finite and meaningless.
     """
     n = len(right)
     xp = namespace_of(right[0], matrix[0][0])
@@ -75,54 +77,62 @@ def solve_symmetric(matrix: Hessian, right: Components) -> tuple[Components, Com
         for k in range(i + 1, n):
             value = value - lower[k][i] * x[k]
         x[i] = value
-    return tuple(x), smallest
+    product = pivots[0]
+    for pivot in pivots[1:]:
+        product = product * pivot
+    return tuple(x), smallest, product
 
 
-def _newton(statics: Statics, q: Components, iterations: int = _ITERATIONS) -> tuple[Components, Component, Component]:
-    """Newton's method inside a region where the energy is convex: (configuration, whether it failed, last step).
+def _newton(
+    statics: Statics, q: Components, first: Component, iterations: int = _ITERATIONS
+) -> tuple[Components, Component, Component, Component]:
+    """Newton's method inside a region where the energy is convex.
 
-    It fails at the first indefinite Hessian, the first long step, the first step that does not contract, or where the Hessian has
-    changed much on the way: by then it may be heading for an equilibrium that is not the continuation of the one it started from
-    [Deuflhard, Newton Methods for Nonlinear Problems]. With both conditions it never leaves the branch of a cubic gradient, whatever its coefficients.
-    Each element of a batch stops where it would stop alone, so that a batch of one and of many give the same numbers.
+    Returns the configuration, whether it failed, the last step, and the determinant of the Hessian.
+
+    It fails at the first indefinite Hessian, the first long step, the first step that does not contract, or where the
+    determinant has changed much since `first`, its value at the known equilibrium: by then it may be heading for an
+    equilibrium that is not the continuation of that one [Deuflhard, Newton Methods for Nonlinear Problems]. Each
+    element of a batch stops where it would stop alone, so that a batch of one and of many give the same numbers.
     """
     failed: Component = False
     done: Component = False
     longest: Component = _FIRST_STEP
-    first: Component = None
     for _ in range(iterations):
         gradient, hessian = statics(q)
-        step, pivot = solve_symmetric(hessian, gradient)
+        step, pivot, volume = solve_symmetric(hessian, gradient)
         xp = namespace_of(pivot)
         size = abs(step[0])
         for component in step[1:]:
             size = xp.maximum(size, abs(component))
-        first = pivot if first is None else first
-        # The first comparison is also true where the first pivot is negative.
-        failed = xp.where(done, failed, (pivot <= first / _CHANGE) | (pivot > _CHANGE * first) | (size > longest))
+        strange = (pivot <= 0) | (volume * _CHANGE < first) | (volume > _CHANGE * first) | (size > longest)
+        failed = xp.where(done, failed, strange)
         done = done | failed
         q = tuple(qi - xp.where(done, 0.0, si) for qi, si in zip(q, step, strict=True))
         done = done | (size <= _CONVERGED)
         if done if isinstance(done, bool) else done.all():
             break
         longest = xp.maximum(_CONTRACTION * size, _CONVERGED)
-    return q, failed, size
+    return q, failed, size, volume
 
 
 def follow(path: PathStatics, q: Components) -> tuple[Components, Component]:
     """Follow a stable equilibrium along a path of inputs or loads from parameter 0 to 1, never onto another branch.
 
-    One Newton solve where its steps contract from the start; elsewhere sub-steps, shortened until they contract. Where stability ends on the way, the last
-    stable point is returned.
+    One Newton solve where its steps contract from the start; elsewhere sub-steps, shortened until they contract. Where
+    stability ends on the way, the last stable point is returned. So it is where stability all but ends: where a
+    sub-step of 1/4096 is still too long.
 
     Args:
         path: statics along the path, in any coordinates.
         q: the equilibrium at parameter 0 in those coordinates, floats or arrays of shape (n,).
 
     Returns:
-        The coordinates, and the fraction of the path that was covered: 1, or less where stability ended, known to 1/256.
+        The coordinates, and the fraction of the path that was covered: 1, or less (by 1/1000 at most) than where
+        stability ended.
     """
-    q1, failed, size = _newton(lambda p: path(p, 1.0, None), q)
+    everything = np.arange(len(q[0])) if is_batch(*q) else 0
+    q1, failed, size, _ = _newton(_at(path, 1.0, None), q, _volume(path, q, 0.0, everything))
     failed = failed | (size > _CONVERGED)
     if not is_batch(*q):
         if not failed:
@@ -141,76 +151,89 @@ def follow(path: PathStatics, q: Components) -> tuple[Components, Component]:
 def _follow_in_substeps(path: PathStatics, q: Components, index: np.ndarray) -> tuple[Components, np.ndarray]:
     q = tuple(qi.copy() for qi in q)
     t, reach = np.zeros(len(index)), np.ones(len(index))
+    volume = _volume(path, q, t, index)
     active = np.arange(len(index))
     while len(active):
-        # Many lengths at once, from the same start, each half of the next; the longest up to which none fails is taken.
-        lengths = reach[active, None] * 2.0 ** np.arange(1 - _SECTIONS, 1)
+        # Many lengths at once, from the same start, by factors of sqrt(2); the longest up to which none fails is taken.
+        lengths = reach[active, None] * 2.0 ** (np.arange(1 - _SECTIONS, 1) / 2)
         ahead = np.minimum(t[active, None] + lengths, 1.0).ravel()
         members = np.repeat(index[active], _SECTIONS)
         start = tuple(np.repeat(qi[active], _SECTIONS) for qi in q)
-        found, failed, _ = _newton(lambda p, a=ahead, m=members: path(p, a, m), start, _ITERATIONS_OF_SUBSTEP)
+        first = np.repeat(volume[active], _SECTIONS)
+        found, failed, _, reached = _newton(_at(path, ahead, members), start, first, _ITERATIONS_OF_SUBSTEP)
         good = np.logical_and.accumulate(~failed.reshape(-1, _SECTIONS), axis=1).sum(axis=1)
         moved = np.flatnonzero(good)
         row = moved * _SECTIONS + good[moved] - 1
         for whole, new in zip(q, found, strict=True):
             whole[active[moved]] = new[row]
         t[active[moved]] = ahead[row]
-        reach[active] *= 2.0 ** (good + 1 - _SECTIONS)
+        volume[active[moved]] = reached[row]
+        reach[active] *= 2.0 ** ((good - _SECTIONS) / 2 + 1)  # next: up to twice the last length
         active = active[(t[active] < 1.0) & (reach[active] > _SHORTEST_SUBSTEP)]
-    polished, failed, _ = _newton(lambda p: path(p, t, index), q)
+    polished, failed, _, _ = _newton(_at(path, t, index), q, volume)
     return tuple(np.where(failed, qi, p) for qi, p in zip(q, polished, strict=True)), t
 
 
-def settle(statics: Statics, start: Sequence[Component], limit: float) -> Equilibrium:
+def _at(path: PathStatics, t: Component, index: Any) -> Statics:
+    return lambda q: path(q, t, index)
+
+
+def _volume(path: PathStatics, q: Components, t: Component, index: Any) -> Component:
+    """Determinant of the Hessian at the start of a step; where that is unstable -1, which `_newton` never accepts."""
+    gradient, hessian = path(q, t, index)
+    _, pivot, volume = solve_symmetric(hessian, gradient)
+    return namespace_of(pivot).where(pivot > 0, volume, -1.0)
+
+
+def settle(statics: BatchStatics, start: Sequence[Component], limit: float) -> Equilibrium:
     """The equilibrium that a mechanism at rest in `start` reaches when it is let go.
 
-    First by continuation: the force that would hold `start` is taken away gradually, and the equilibrium followed. Where that path
-    loses stability, by damped Newton steps down the energy, which the reason then says. A start that is itself an equilibrium, even an
-    unstable one, is returned.
+    First by continuation: the force that would hold `start` is taken away gradually, and the equilibrium followed.
+    Where that path loses stability, by damped Newton steps down the energy, which the reason then says. A start that
+    is itself an equilibrium, even an unstable one, is returned.
 
     Args:
-        statics: of the mechanism under its inputs and loads.
-        start: components, floats or arrays of shape (n,).
+        statics: of the mechanism under its inputs and loads: configuration, indices into the batch (or None for all
+            of it).
+        start: components, floats or arrays of shape (n,); floats are shared by a batch of statics.
         limit: |component| is at most this.
     """
-    single = not is_batch(*start)
-    q0 = tuple(np.broadcast_arrays(*(np.atleast_1d(np.asarray(qi, float)) for qi in start)))
-    gradient, hessian = statics(q0)
-    n = len(np.broadcast_arrays(q0[0], *gradient)[0])
-    q0 = tuple(np.broadcast_to(qi, (n,)).copy() for qi in q0)
-    held = tuple(np.broadcast_to(g, (n,)).copy() for g in gradient)
+    gradient, _ = statics(tuple(start), None)
+    single = not is_batch(*start, *gradient)
+    shape = np.broadcast_shapes((1,), *(np.shape(value) for value in (*start, *gradient)))
+    q0 = np.stack([np.broadcast_to(np.asarray(qi, float), shape) for qi in start])
+
+    def everywhere(q: Components) -> tuple[Components, Hessian]:
+        return statics(q, None)
+
+    held, stiffness = _as_arrays(everywhere, q0)
 
     def released(q: Any, t: Any, index: Any) -> tuple[Components, Hessian]:
-        if index is None:
-            return statics(q)
-        full = tuple(qi.copy() for qi in q0)  # the statics of a batch take the whole of it
-        for whole, part in zip(full, q, strict=True):
-            whole[index] = part
-        g, h = statics(full)
-        return (
-            tuple(np.broadcast_to(gi, (n,))[index] - (1 - t) * f[index] for gi, f in zip(g, held, strict=True)),
-            tuple(tuple(np.broadcast_to(hi, (n,))[index] for hi in row) for row in h),
-        )
+        force = held if index is None else held[:, index]
+        gradient, hessian = statics(q, index)
+        return tuple(g - (1 - t) * f for g, f in zip(gradient, force, strict=True)), hessian
 
-    q, fraction = follow(released, q0)
+    followed, fraction = follow(released, tuple(q0))
+    q = np.stack(followed)
     lost = fraction < 1
     if lost.any():
-        q = tuple(np.where(lost, d, qi) for d, qi in zip(_descend(statics, q, limit), q, strict=True))
-    balanced = _norm(held) <= 1e-9 * (1 + _scale(hessian))
-    q = tuple(np.where(balanced, q0i, qi) for q0i, qi in zip(q0, q, strict=True))
-    gradient, hessian = statics(q)
-    residual = np.broadcast_to(_norm(gradient), (n,))
-    _, pivot = solve_symmetric(hessian, gradient)
-    inside = np.logical_and.reduce([np.abs(qi) <= limit for qi in q])
-    converged = residual <= 1e-9 * (1 + _scale(hessian))
-    stable = converged & (pivot > 0) & inside
+        q = np.where(lost, _descend(everywhere, q, limit), q)
+    balanced = _norm(held) <= 1e-9 * (1 + _scale(stiffness))
+    q = np.where(balanced, q0, q)
+    force, stiffness = _as_arrays(everywhere, q)
+    residual = _norm(force)
+    positive = solve_symmetric(tuple(map(tuple, stiffness)), tuple(force))[1] > 0
+    inside = np.all(np.abs(q) <= limit, axis=0)
+    converged = residual <= 1e-9 * (1 + _scale(stiffness))
+    stable = converged & positive & inside
+    jumped = lost & ~balanced
     reasons = [
-        _reason(bool(inside[i]), bool(converged[i]), bool(np.broadcast_to(pivot > 0, (n,))[i]), bool(lost[i] & ~balanced[i]))
-        for i in range(n)
+        _reason(*case)
+        for case in zip(inside.tolist(), converged.tolist(), positive.tolist(), jumped.tolist(), strict=True)
     ]
     if single:
-        return Equilibrium(tuple(float(qi[0]) for qi in q), float(residual[0]), bool(stable[0]), reasons[0])
-    return Equilibrium(q, residual, stable, reasons)
+        return Equilibrium(tuple(q[:, 0].tolist()), float(residual[0]), bool(stable[0]), reasons[0])
+    return Equilibrium(tuple(q), residual, stable, reasons)
 
 
 def _reason(inside: bool, converged: bool, positive: bool, jumped: bool) -> str:
@@ -225,48 +248,51 @@ def _reason(inside: bool, converged: bool, positive: bool, jumped: bool) -> str:
     return "stable; followed continuously from the start"
 
 
-def _descend(statics: Statics, q: Components, limit: float) -> Components:
+def _descend(statics: Statics, q: np.ndarray, limit: float) -> np.ndarray:
     """Damped Newton steps down the energy (pseudo-transient continuation: implicit Euler steps of a gradient flow)."""
-    n = len(q[0])
-    gradient, hessian = statics(q)
+    gradient, hessian = _as_arrays(statics, q)
     scale = _scale(hessian)
-    damping = np.broadcast_to(scale, (n,)).copy()
-    size = np.broadcast_to(_norm(gradient), (n,))
+    damping = scale.copy()
     # On the ridge itself there is no way down: leave it along a fixed direction, so that the result is reproducible.
-    q = tuple(qi + 1e-6 * (1 + i) * (size < 1e-9 * (1 + scale)) for i, qi in enumerate(q))
+    ridge = _norm(gradient) < 1e-9 * (1 + scale)
+    q = q + 1e-6 * np.arange(1, len(q) + 1)[:, None] * ridge
+    gradient, hessian = _as_arrays(statics, q)
     for _ in range(400):
-        gradient, hessian = statics(q)
-        norm = np.broadcast_to(_norm(gradient), (n,))
-        damping = np.where(norm < size, damping * np.maximum(0.3, norm / np.maximum(size, 1e-300)), damping * 1.5)
         shifted = damping
         for _ in range(60):
             moved = tuple(tuple(h + shifted * (i == j) for j, h in enumerate(row)) for i, row in enumerate(hessian))
-            step, pivot = solve_symmetric(moved, gradient)
+            step, pivot, _ = solve_symmetric(moved, tuple(gradient))
             if np.all(pivot > 0):
                 break
             shifted = np.where(pivot > 0, shifted, 2 * shifted + 1e-3 * scale + 1e-12)
-        length = np.maximum.reduce([np.broadcast_to(np.abs(s), (n,)) for s in step])
-        shrink = np.minimum(1.0, 0.1 / np.maximum(length, 1e-300))
-        q = tuple(np.clip(qi - shrink * s, -1.01 * limit, 1.01 * limit) for qi, s in zip(q, step, strict=True))
-        size = norm
-        if np.all((length < 1e-13) | (norm == 0)):
+        length = np.abs(step).max(axis=0)
+        if np.all(length < 1e-13):
             break
+        shrink = np.minimum(1.0, 0.1 / np.maximum(length, 1e-300))
+        trial = np.clip(q - shrink * np.stack(step), -1.01 * limit, 1.01 * limit)
+        new_gradient, new_hessian = _as_arrays(statics, trial)
+        # The slope along the step tells whether the energy fell all the way; a step far beyond the bottom is undone.
+        slope, slope_there = ((g * (trial - q)).sum(axis=0) for g in (gradient, new_gradient))
+        good = (slope_there <= -0.5 * slope) | (length < 1e-9)
+        damping = np.where(good, 0.3 * damping, 4 * damping + 1e-3 * scale)
+        q = np.where(good, trial, q)
+        gradient, hessian = np.where(good, new_gradient, gradient), np.where(good, new_hessian, hessian)
     return q
 
 
-def _norm(vector: Components) -> Any:
-    return np.sqrt(sum(v * v for v in vector))
+def _norm(vector: np.ndarray) -> np.ndarray:
+    return np.asarray(np.sqrt((vector * vector).sum(axis=0)))
 
 
-def _scale(hessian: Hessian) -> Any:
-    return np.maximum.reduce([np.abs(np.asarray(h, float)) + 0.0 for row in hessian for h in row])
+def _scale(hessian: np.ndarray) -> np.ndarray:
+    return np.asarray(np.abs(hessian).max(axis=(0, 1)))
 
 
 def find_all(statics: Statics, lower: Sequence[float], upper: Sequence[float], cells: int = 48) -> list[Equilibrium]:
     """All equilibria strictly inside a box, stable and unstable, sorted by configuration.
 
-    Exclusion by subdivision: a cell is dropped where the linear bound of the gradient, widened by the sampled variation of the Hessian, says that it
-    has no zero; Newton's method starts from every cell that survives.
+    Exclusion by subdivision: a cell is dropped where the linear bound of the gradient, widened by the sampled
+    variation of the Hessian, says that it has no zero; Newton's method starts from every cell that survives.
 
     Args:
         statics: for one set of inputs, on arrays of configurations.

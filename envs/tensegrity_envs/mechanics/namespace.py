@@ -1,8 +1,8 @@
 """Where a component's arithmetic comes from: `math` for floats, NumPy for arrays, Torch for tensors.
 
-Every equation of this package is written once, on components (`alpha1, alpha2 = q`). A component is a float, a NumPy array
-or a Torch tensor; the three libraries spell `sin`, `cos`, `sqrt`, `atan2` alike, and this module supplies the few names that
-they do not share. Torch is never imported here: a tensor can only arrive when its caller has imported it.
+Every equation of this package is written once, on components (`alpha1, alpha2 = q`). A component is a float, a NumPy
+array or a Torch tensor; the three libraries spell `sin`, `cos`, `sqrt`, `atan2` alike, and this module supplies the
+few names that they do not share. Torch is never imported here: a tensor can only arrive when its caller has it.
 """
 
 import math

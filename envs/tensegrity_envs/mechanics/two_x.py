@@ -5,9 +5,10 @@ Sources: [Furet2018] Furet and Wenger, "Workspace and cuspidality analysis of a 
 Where a printed equation is wrong the docstring says so; docs/two_x.md lists every correction.
 
 Conventions: alpha_i [rad] is the orientation of joint i's top bar relative to its base bar, counter-clockwise, so that
-alpha > 0 moves the tip towards -x. The crossed assembly is symmetric: the line between the midpoints of base and top bar is
-turned by theta_i = alpha_i / 2. On the full torus alpha runs over (-2 pi, 2 pi]; |alpha| < pi is the joint "up", beyond it "down".
-Tensions are ordered left 1, right 1, left 2, right 2. The cables of joint 2 are strut-routed, so they do no work on alpha_1.
+alpha > 0 moves the tip towards -x. The crossed assembly is symmetric: the line between the midpoints of base and top
+bar is turned by theta_i = alpha_i / 2. On the full torus alpha runs over (-2 pi, 2 pi]; |alpha| < pi is the joint
+"up", beyond it "down". Tensions are ordered left 1, right 1, left 2, right 2. The cables of joint 2 are strut-routed,
+so they do no work on alpha_1.
 """
 
 import math
@@ -24,6 +25,7 @@ from tensegrity_envs.mechanics.namespace import Component, Components, is_batch,
 _NO_LOAD = (0.0, 0.0)
 _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
 _FULL_TURN = 4 * math.pi  # of alpha, since theta = alpha / 2 runs once around
+_BARS = "A1 C1, B1 D1, D1 C1, D1 A2, D1 B2, C1 B2, A2 B2, A2 C2, B2 D2, D2 C2, D2 P, C2 P"
 _SAMPLES = 16  # of the trigonometric polynomial of the inverse kinematics; 9 would determine it
 
 
@@ -82,7 +84,9 @@ class TwoXDesign:
         require_finite_numbers(self)
         name = type(self).__name__
         require(self.b > 0, name, "b", self.b, "positive")
-        require(self.l > self.b, name, "l", self.l, f"greater than b = {self.b!r} (else the X-joints cannot be assembled)")
+        require(
+            self.l > self.b, name, "l", self.l, f"greater than b = {self.b!r} (else the X-joints cannot be assembled)"
+        )
         for field in ("a", "k1", "k2", "min_tension", "payload", "bar_density", "gravity"):
             require(getattr(self, field) >= 0, name, field, getattr(self, field), "zero or positive")
         require(self.bar_radius > 0, name, "bar_radius", self.bar_radius, "positive")
@@ -103,7 +107,7 @@ class TwoXDesign:
 MURALIDHARAN2022 = TwoXDesign(b=0.05, l=0.10, a=0.20, k1=600.0, k2=300.0, min_tension=5.0, max_tension=155.0)
 
 
-def FURET2018(b: float, joint_limit: float = 2 * math.pi) -> TwoXDesign:  # noqa: N802  (a published design, named like one)
+def FURET2018(b: float, joint_limit: float = 2 * math.pi) -> TwoXDesign:
     """The plain 2-X of [Furet2018]: L = 1 m, no offsets, purely kinematic (no springs, no masses), on the full torus.
 
     Args:
@@ -141,7 +145,7 @@ class InverseSolution(NamedTuple):
 
 
 class _Joint(NamedTuple):
-    """Half-angle sine and cosine of a joint, the distance r between its bars' midpoints, and r's derivatives in alpha."""
+    """Half-angle sine and cosine of a joint, the distance r of its bars' midpoints, and r's derivatives in alpha."""
 
     s: Component
     c: Component
@@ -153,9 +157,9 @@ class _Joint(NamedTuple):
 class TwoX:
     """The 2-X manipulator of one design, or of a batch of designs.
 
-    A configuration is q = (alpha_1, alpha_2) [rad], tensions are (left 1, right 1, left 2, right 2) [N], `load` is a dead force at
-    the tip (fx, fy) [N] in world axes, besides gravity. Components are floats, NumPy arrays or Torch tensors of any
-    (broadcastable) shape.
+    A configuration is q = (alpha_1, alpha_2) [rad], tensions are (left 1, right 1, left 2, right 2) [N], `load` is a
+    dead force at the tip (fx, fy) [N] in world axes, besides gravity. Components are floats, NumPy arrays or Torch
+    tensors of any (broadcastable) shape.
     """
 
     degrees_of_freedom = 2
@@ -169,8 +173,8 @@ class TwoX:
         line = design.bar_density * math.pi * design.bar_radius**2  # mass per length [kg/m]
         self._lengths = (l, l, b, a, brace, a, b, l, l, b, half, half)  # [Muralidharan2022, figure 2]
         m = [line * length for length in self._lengths]
-        # Gravity's energy is a sum of weights times the heights of four vectors: base to top of joint 1, its offset, base to
-        # top of joint 2, its offset (see `_statics`).
+        # Gravity's energy is a sum of weights times the heights of four vectors: base to top of joint 1, its offset,
+        # base to top of joint 2, its offset (see `_statics`).
         beyond_2 = m[9] + m[10] + m[11] + design.payload  # carried by the top of joint 2
         beyond_1 = m[6] + m[7] + m[8] + beyond_2  # carried by the end of offset 1
         self._w1 = g * ((m[0] + m[1]) / 2 + m[2] + m[3] + m[4] + m[5] + beyond_1)
@@ -182,8 +186,7 @@ class TwoX:
         self._excess = (l - b) * (l + b)
         self._spring1 = design.k1 * b * b
         self._spring2 = design.k2 * b * b
-        springless = np.all(np.asarray(design.k1) == 0)
-        self.stiffness_scale = design.max_tension * b if springless else self._spring1  # [N m/rad]
+        self.stiffness_scale = self._spring1 + (design.k1 == 0) * design.max_tension * b  # [N m/rad]
         # The one component that tells floats from arrays when a batch of designs meets a single configuration.
         self._probe: Component = sum(
             value for value in vars(design).values() if isinstance(value, np.ndarray)
@@ -252,7 +255,7 @@ class TwoX:
         return xa * yb - xb * ya
 
     def nodes(self, q: Sequence[Component]) -> dict[str, tuple[Component, Component]]:
-        """Positions (x, y) [m] of the nodes: Ai, Bi base left and right, Di, Ci top left and right of joint i, P the tip."""
+        """Positions (x, y) [m] of the nodes: Ai, Bi base left, right; Di, Ci top left, right of joint i; P tip."""
         xp = self._xp(*q)
         a1, a2 = q
         a, half = self.design.a, self.design.b / 2
@@ -274,7 +277,6 @@ class TwoX:
     @property
     def members(self) -> tuple[Member, ...]:
         """Bars with their masses, springs and cables (drawn along the lateral sides that they span)."""
-        ends = ("A1 C1", "B1 D1", "D1 C1", "D1 A2", "D1 B2", "C1 B2", "A2 B2", "A2 C2", "B2 D2", "D2 C2", "D2 P", "C2 P")
         sides = (("left 1", "A1 D1"), ("right 1", "B1 C1"), ("left 2", "A2 D2"), ("right 2", "B2 C2"))
 
         def pair(text: str) -> tuple[str, str]:
@@ -283,7 +285,7 @@ class TwoX:
 
         bars = [
             Member(f"bar {i + 1}", "bar", pair(text), mass=self._masses[i], radius=self.design.bar_radius)
-            for i, text in enumerate(ends)
+            for i, text in enumerate(_BARS.split(", "))
         ]
         springs = [
             Member(f"spring {name}", "spring", pair(text), stiffness=self.design.k1 if i < 2 else self.design.k2)
@@ -310,7 +312,7 @@ class TwoX:
     def potential_energy(
         self, q: Sequence[Component], tensions: Sequence[Component], load: Sequence[Component] = _NO_LOAD
     ) -> Component:
-        """Potential energy [J] of gravity, springs, cables and load, [Muralidharan2022, Eq. 4]; zero height is the base."""
+        """Potential energy [J] of gravity (zero at the base), springs, cables and load, [Muralidharan2022, Eq. 4]."""
         xp = self._xp(*q, *tensions, *load)
         a1, a2 = q
         j1, j2 = self._joint(xp, a1), self._joint(xp, a2)
@@ -400,13 +402,14 @@ class TwoX:
     ) -> tuple[Components, tuple[Components, ...]]:
         """Gradient and Hessian of the potential energy in u_i = sin(alpha_i / 2) [J], for joints up.
 
-        In these coordinates the energy of springs and cables is convex, and the flat poses, where the cables lose their moment arms in alpha, are
-        ordinary boundary points (|u| = 1). Newton's method converges from much further away than in alpha, and no trigonometry is left.
+        In these coordinates the energy of springs and cables is convex, and the flat poses, where the cables lose
+        their moment arms in alpha, are ordinary boundary points (|u| = 1). Newton's method converges from much
+        further away than in alpha, and no trigonometry is left.
         """
         xp = self._xp(*u, *tensions, *load)
         joints, turns, tangents = [], [], []
-        for ui in u:
-            ui = xp.maximum(xp.minimum(ui, _FLATTEST), -_FLATTEST)
+        for unlimited in u:
+            ui = xp.maximum(xp.minimum(unlimited, _FLATTEST), -_FLATTEST)
             c = xp.sqrt(1 - ui * ui)
             joints.append(self._joint_at(xp, ui, c))
             turns.append(2 / c)  # d alpha / d u
@@ -424,7 +427,8 @@ class TwoX:
     ) -> Components:
         """dU/dalpha [N m], both zero in equilibrium.
 
-        [Muralidharan2022, Eqs. 5-6] hold twice these (G - Gamma), with sin(alpha_1 + alpha_2/2) in G_1, where Eq. 6 misprints it.
+        [Muralidharan2022, Eqs. 5-6] hold twice these (G - Gamma), with sin(alpha_1 + alpha_2/2) in G_1, where Eq. 6
+        misprints it.
         """
         return self.statics(q, tensions, load)[0]
 
@@ -465,13 +469,15 @@ class TwoX:
     def stiffest_tensions(self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD) -> Components:
         """The tensions (left 1, right 1, left 2, right 2) [N] of greatest stiffness that hold q in equilibrium.
 
-        For each joint the larger tension is max_tension [Muralidharan2022, section 2]; the other one follows from equilibrium and is
-        not clipped: below min_tension it says that q is not wrench-feasible. Close to the flat poses, where a cable has no moment
-        arm, it grows without bound.
+        For each joint the larger tension is max_tension [Muralidharan2022, section 2]; the other one follows from
+        equilibrium and is not clipped: below min_tension it says that q is not wrench-feasible. Close to the flat
+        poses, where a cable has no moment arm, it grows without bound.
         """
         return self._stiffest(q, load)[0]
 
-    def posture(self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD) -> tuple[Components, Component, Component]:
+    def posture(
+        self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> tuple[Components, Component, Component]:
         """Stiffest tensions, stability margin and wrench margin of q in one evaluation."""
         tensions, (h11, h12, h22) = self._stiffest(q, load)
         xp = self._xp(h11)
@@ -487,8 +493,8 @@ class TwoX:
     ) -> Component:
         """Distance of the tensions to their bounds, divided by max_tension [-]; positive inside.
 
-        Without `tensions`: of the stiffest ones, to the lower bound (they are at the upper one), so that it is >= 0 exactly where q is
-        wrench-feasible. With `tensions`: of those, to the nearer of both bounds.
+        Without `tensions`: of the stiffest ones, to the lower bound (they are at the upper one), so that it is >= 0
+        exactly where q is wrench-feasible. With `tensions`: of those, to the nearer of both bounds.
         """
         if tensions is None:
             return self.posture(q, load)[2]
@@ -538,11 +544,18 @@ class TwoX:
         _check_finite("tensions", tensions, 4)
         _check_finite("start", start, 2)
         _check_finite("load", load, 2)
-        return _equilibrium.settle(lambda q: self.statics(q, tensions, load), start, self.design.joint_limit)
 
-    def equilibria(
-        self, tensions: Sequence[float], load: Sequence[float] = _NO_LOAD
-    ) -> list[_equilibrium.Equilibrium]:
+        def statics(q: Components, index: Any) -> tuple[Components, tuple[Components, ...]]:
+            if index is None:
+                return self.statics(q, tensions, load)
+            inputs, forces = (
+                tuple(value[index] if np.ndim(value) else value for value in values) for values in (tensions, load)
+            )
+            return self.take(index).statics(q, inputs, forces)
+
+        return _equilibrium.settle(statics, start, self.design.joint_limit)
+
+    def equilibria(self, tensions: Sequence[float], load: Sequence[float] = _NO_LOAD) -> list[_equilibrium.Equilibrium]:
         """All equilibria within the joint limits (flat poses excluded), stable and unstable, sorted by configuration.
 
         Raises:
@@ -556,18 +569,19 @@ class TwoX:
     # ---------------------------------------------------------------------------------------- inverse kinematics
 
     def inverse_kinematics(self, x: float, y: float) -> list[InverseSolution]:
-        """All configurations within the joint limits whose tip is at (x, y) [m], in the crossed assembly, sorted by alpha_1.
+        """All configurations within the joint limits whose tip is at (x, y) [m], sorted by alpha_1.
 
-        The real roots of one polynomial, of degree eight with offsets and, without, the quartic of [Furet2018, Eqs. 3-8]. They are
-        candidates only (on one curve a double root is no configuration at all): each is polished and verified by forward kinematics.
-        Two solutions closer than 1e-6 rad to one another, next to a singularity, are given as one.
+        The real roots of one polynomial, of degree eight with offsets and, without, the quartic of [Furet2018, Eqs.
+        3-8]. They are candidates only (on one curve a double root is no configuration at all): each is polished and
+        verified by forward kinematics. Two solutions closer than 1e-6 rad to one another, next to a singularity, are
+        given as one.
 
         Returns:
             The solutions, an empty list where the target is out of reach.
 
         Raises:
-            ValueError: x or y is not a finite number, the mechanism is a batch of designs, or (without offsets) the target is
-                the base itself, which every configuration with alpha_1 + alpha_2 = +-2 pi reaches.
+            ValueError: x or y is not a finite number, the mechanism is a batch of designs, or (without offsets) the
+                target is the base itself, which every configuration with alpha_1 + alpha_2 = +-2 pi reaches.
         """
         if is_batch(self._probe):
             raise ValueError("inverse_kinematics takes one design, not a batch of them; see inverse_kinematics_batch")
@@ -588,7 +602,8 @@ class TwoX:
             y: shape (n,) [m].
 
         Returns:
-            alpha_1 and alpha_2, each of shape (n, m) [rad], m the largest number of solutions (at least 1), padded with NaN.
+            alpha_1 and alpha_2, each of shape (n, m) [rad], m the largest number of solutions (at least 1), padded
+            with NaN.
 
         Raises:
             ValueError: as `inverse_kinematics`, and where the designs of a batch differ in b, l or a.
@@ -624,7 +639,7 @@ class TwoX:
         return owner[new], (a1[new], a2[new]), residual[new]
 
     def _polish(self, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Damped Newton steps from every candidate to its target; those that do not converge are left where they are."""
+        """Damped Newton steps from every candidate to its target; what does not converge is left where it ends."""
         a1, a2 = a1.copy(), a2.copy()
         active = np.arange(len(a1))
         size = self.reach
@@ -651,20 +666,23 @@ class TwoX:
     def _candidates(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A starting point close to every solution: index of the target, alpha_1, alpha_2.
 
-        Seen from the base of joint 2, in its axes, the tip runs along a curve that has no square root in it: with d the tip's
-        position, k = d.d - a^2 - l^2,
+        Seen from the base of joint 2, in its axes, the tip runs along a curve that has no square root in it: with d
+        the tip's position, k = d.d - a^2 - l^2,
 
             (k + l^2) k + b^2 d_y^2 - 2 a (l^2 - b^2) d_y - a^2 (2 l^2 - b^2) = 0.
 
-        An X-joint moves like two rolling ellipses; in their eccentric anomaly psi, tan(alpha/2) = sqrt(1 - b^2/l^2) tan(psi),
-        r = sqrt(l^2 - b^2) / h, h^2 = cos^2(psi) + (1 - b^2/l^2) sin^2(psi). Times h^4 the curve's equation is therefore a trigonometric
-        polynomial of order 4 in psi_1, known from a few samples: at most eight solutions, the real eigenvalues of a companion matrix.
-        (Without offsets h^2 divides it; what is left is the quartic of [Furet2018, Eqs. 3-8] in another variable.)
+        An X-joint moves like two rolling ellipses; in their eccentric anomaly psi, tan(alpha/2) = sqrt(1 - b^2/l^2)
+        tan(psi), r = sqrt(l^2 - b^2) / h, h^2 = cos^2(psi) + (1 - b^2/l^2) sin^2(psi). Times h^4 the curve's equation
+        is therefore a trigonometric polynomial of order 4 in psi_1, known from a few samples: at most eight
+        solutions, the real eigenvalues of a companion matrix. (Without offsets h^2 divides it; what is left is the
+        quartic of [Furet2018, Eqs. 3-8] in another variable.)
         """
         a, l, bb = self.design.a, self.design.l, self._bb
         distance = np.maximum(np.abs(x), np.abs(y))
         if a == 0 and (distance < 1e-12 * l).any():
-            raise ValueError("target (0, 0) is the base: every configuration with alpha_1 + alpha_2 = +-2 pi reaches it")
+            raise ValueError(
+                "target (0, 0): the base, which every configuration with alpha_1 + alpha_2 = +-2 pi reaches"
+            )
         within = np.flatnonzero(distance <= self.reach)
         x, y = x[within], y[within]
         psi = np.arange(_SAMPLES) * (2 * math.pi / _SAMPLES)
@@ -672,7 +690,8 @@ class TwoX:
         hh = np.cos(psi) ** 2 + flatness * np.sin(psi) ** 2
         _, dy, dd = self._beyond_joint_1(x[:, None], y[:, None], self._from_anomaly(psi))
         u = dd - a * a
-        samples = (u * (u - l * l) + bb * dy * dy - 2 * a * self._excess * dy - a * a * (l * l + self._excess)) * (hh * hh)
+        curve = u * (u - l * l) + bb * dy * dy - a * (2 * self._excess * dy + a * (l * l + self._excess))
+        samples = curve * (hh * hh)
         # The variable is t = tan(omega/2), with t = infinity where the sample is largest: no root is near infinity.
         top = np.abs(samples).argmax(axis=1)
         turned = samples[np.arange(len(x))[:, None], (top[:, None] + np.arange(_SAMPLES)) % _SAMPLES]
@@ -681,9 +700,10 @@ class TwoX:
         companion[:, 1:, :-1] = np.eye(7)
         companion[:, :, -1] = -polynomial[:, :-1] / polynomial[:, -1:]
         roots = np.linalg.eigvals(companion)
-        # A double root comes out as a pair whose imaginary parts are of the order of sqrt(eps); forward kinematics decides.
+        # A double root comes out as a pair with imaginary parts of the order of sqrt(eps); forward kinematics decides.
         owner, column = np.nonzero(np.abs(roots.imag) < 1e-3 * (1 + np.abs(roots) ** 2))
-        a1 = self._from_anomaly(psi[top[owner]] + 2 * np.arctan(roots.real[owner, column] + roots.imag[owner, column]) + math.pi)
+        t = (roots.real + roots.imag)[owner, column]  # such a pair becomes two starts, on either side of the root
+        a1 = self._from_anomaly(psi[top[owner]] + math.pi + 2 * np.arctan(t))
         dx, dy, dd = self._beyond_joint_1(x[owner], y[owner], a1)
         u = dd - a * a
         rc = (a * (2 * (u - l * l) + bb) + bb * dy) / (bb + 4 * a * a)  # r cos(alpha_2/2)
@@ -701,7 +721,7 @@ class TwoX:
 
     def _from_anomaly(self, psi: np.ndarray) -> np.ndarray:
         """The angle alpha [rad] at which the eccentric anomaly of a joint's rolling ellipses is psi."""
-        return 2 * np.arctan2(math.sqrt(self._excess) / self.design.l * np.sin(psi), np.cos(psi))
+        return np.asarray(2 * np.arctan2(math.sqrt(self._excess) / self.design.l * np.sin(psi), np.cos(psi)))
 
     def _beyond_joint_1(
         self, x: np.ndarray, y: np.ndarray, a1: np.ndarray
@@ -723,7 +743,8 @@ def smallest_eigenvalue(h11: Component, h12: Component, h22: Component, xp: Any)
 def furet_quartic(x: float, y: float, b: float) -> np.ndarray:
     """Coefficients a4 ... a0 of [Furet2018, Eqs. 4-8] in t = tan(phi_1/2), for L = 1.
 
-    phi_1, which the paper does not define, is the orientation of the long bar from the left base pivot to the top right one.
+    phi_1, which the paper does not define, is the orientation of the long bar from the left base pivot to the top
+    right one.
     """
     xx, yy, bb = x * x, y * y, b * b
     rr = (xx + yy) ** 2

@@ -89,7 +89,7 @@ class TensionControl:
         reached = self.at(mechanism, q, tuple(o + fraction * (n - o) for o, n in zip(old, new, strict=True)))
         outside = (abs(q[0]) > design.joint_limit) | (abs(q[1]) > design.joint_limit)
         buckled = fraction < 1.0
-        failure = xp.where(buckled, BUCKLED, xp.where(outside, JOINT_LIMIT, RUNNING))
+        failure = xp.where(outside, JOINT_LIMIT, xp.where(buckled, BUCKLED, RUNNING))  # the limit was passed first
         # What buckles has lost its stiffness, whatever little was left at the last stable point.
         stability = xp.where(buckled, xp.minimum(reached.stability_margin, 0.0), reached.stability_margin)
         reached = reached._replace(failure=failure, stability_margin=stability)

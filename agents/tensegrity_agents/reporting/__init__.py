@@ -1,0 +1,1 @@
+"""Tables, figures, video and report of a comparison."""

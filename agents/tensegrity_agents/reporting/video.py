@@ -1,0 +1,196 @@
+"""Controllers side by side on one episode, as an animated GIF and as a strip of four moments."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+import tensegrity_envs  # noqa: F401  (registers the ids)
+
+_PANEL = 300  # width and height of one controller's picture [pixels]
+_HEADER = 26  # height of the names above [pixels]
+_COLUMNS = 4  # panels in a row; more controllers go below
+_GAP = 2
+_COLOURS = 96
+_HOLD = 0.9  # how long the last picture stays [s]
+_MOST_BYTES = 3_000_000
+_LINE = (216, 222, 230)
+_PAPER, _INK, _FAINT, _GOOD, _BAD = (252, 253, 254), (30, 36, 44), (112, 121, 134), (0, 120, 86), (196, 60, 12)
+
+
+def record(
+    env_id: str,
+    controllers: Mapping[str, Any],
+    seed: int,
+    path: Path,
+    env_options: dict[str, Any] | None = None,
+    max_steps: int = 100,
+    fps: int = 20,
+) -> Path:
+    """Let every controller run the same episode, and write the pictures side by side.
+
+    The film ends when all of them are on the target or have failed at once, or after `max_steps`. The GIF is kept below
+    3 MB, by leaving out pictures if need be. A strip is written beside it as `path.with_suffix(".png")`: a row for
+    every controller, and four moments, which are the start, two until the last controller arrives, and the end.
+
+    Args:
+        env_id: Gymnasium id.
+        controllers: by name, see `tensegrity_agents.evaluation.rollout.Controller`.
+        seed: of the episode.
+        path: of the GIF.
+        env_options: further arguments of the environment.
+        max_steps: the most steps to show.
+        fps: pictures per second.
+
+    Returns:
+        The path of the GIF.
+
+    Raises:
+        ValueError: there are no controllers, or `path` does not end in .gif.
+    """
+    if not controllers or path.suffix != ".gif":
+        raise ValueError(f"{len(controllers)} controllers to {path}: there must be one at least, and the file a .gif")
+    players = [_Player(env_id, name, controller, seed, env_options or {}) for name, controller in controllers.items()]
+    try:
+        for _ in range(max_steps):
+            for player in players:
+                player.step()
+            if all(player.is_settled for player in players):
+                break
+    finally:
+        for player in players:
+            player.close()
+    films = [player.film for player in players]
+    columns = math.ceil(len(films) / math.ceil(len(films) / _COLUMNS))
+    frames = [_grid([film[k] for film in films], columns) for k in range(len(films[0]))]
+    _write_gif(frames, path, fps)
+    moments = _moments(players)
+    strip = _grid([film[k] for film in films for k in moments], len(moments))
+    strip.save(path.with_suffix(".png"), optimize=True)
+    return path
+
+
+class _Player:
+    """One controller in an environment of its own."""
+
+    def __init__(self, env_id: str, name: str, controller: Any, seed: int, options: dict[str, Any]) -> None:
+        self.name, self._controller = name, controller
+        self._env = gym.make(env_id, render_mode="rgb_array", render_size=_PANEL, **options)
+        self._observation, info = self._env.reset(seed=seed)
+        self._state: Any = None
+        self._begins = True
+        self.ended, self._failed = False, False
+        self.film: list[Image.Image] = []  # the panel at every step
+        self.settled_since = 0
+        self.on_target = bool(info["is_success"])
+        begin = getattr(controller, "begin_episodes", None)
+        if begin is not None:
+            env: Any = self._env.unwrapped
+            wanted = getattr(controller, "wants_privileged", False)
+            begin(np.ones(1, bool), env.design, _as_batch(env.design, env.true_design) if wanted else None)
+        self._render()
+
+    @property
+    def is_settled(self) -> bool:
+        return self.ended or self.on_target
+
+    def step(self) -> None:
+        """One step; once the episode has ended, the last picture stays."""
+        if self.ended:
+            self.film.append(self.film[-1])
+            return
+        batch = {key: value[None] for key, value in self._observation.items()}
+        start = np.array([self._begins])
+        actions, self._state = self._controller.predict(
+            batch, state=self._state, episode_start=start, deterministic=True
+        )
+        self._observation, _, terminated, truncated, info = self._env.step(np.asarray(actions)[0])
+        self._begins = False
+        self.ended, self.on_target = bool(terminated or truncated), bool(info["is_success"])
+        self._failed = bool(terminated)
+        self._render()
+        if not self.is_settled:
+            self.settled_since = len(self.film)
+
+    def _render(self) -> None:
+        picture = Image.fromarray(np.asarray(self._env.render()))
+        size = (_PANEL, _PANEL)
+        picture = picture if picture.size == size else picture.resize(size, Image.Resampling.LANCZOS)
+        status, colour = "", _FAINT
+        if self._failed or self.ended or self.on_target:
+            status, colour = (
+                ("on target", _GOOD) if self.on_target else ("failed" if self._failed else "not reached", _BAD)
+            )
+        self.film.append(_panel(self.name, status, colour, picture))
+
+    def close(self) -> None:
+        self._env.close()
+
+
+def _as_batch(nominal: Any, true: Any) -> Any:
+    """The true design as a vector environment of one has it: what differs from the nominal design is an array."""
+    different = {
+        field.name: np.array([getattr(true, field.name)])
+        for field in fields(true)
+        if not np.ndim(getattr(true, field.name)) and getattr(true, field.name) != getattr(nominal, field.name)
+    }
+    return replace(true, **different)
+
+
+def _panel(name: str, status: str, colour: tuple[int, int, int], picture: Image.Image) -> Image.Image:
+    """A picture under a name (shortened if it must be) and a status."""
+    panel = Image.new("RGB", (_PANEL, _HEADER + _PANEL), _PAPER)
+    panel.paste(picture, (0, _HEADER))
+    pen = ImageDraw.Draw(panel)
+    small, large = ImageFont.load_default(12), ImageFont.load_default(14)
+    room = _PANEL - 24 - pen.textlength(status, small)
+    while len(name) > 1 and pen.textlength(name, large) > room:
+        name = name.removesuffix("…")[:-1] + "…"
+    pen.text((8, _HEADER / 2), name, _INK, large, anchor="lm")
+    pen.text((_PANEL - 8, _HEADER / 2), status, colour, small, anchor="rm")
+    return panel
+
+
+def _grid(panels: list[Image.Image], columns: int) -> Image.Image:
+    """Panels row by row, with lines between them."""
+    rows = math.ceil(len(panels) / columns)
+    step_x, step_y = _PANEL + _GAP, _HEADER + _PANEL + _GAP
+    grid = Image.new("RGB", (columns * step_x - _GAP, rows * step_y - _GAP), _LINE)
+    blank = Image.new("RGB", (_PANEL, _HEADER + _PANEL), _PAPER)
+    for i, panel in enumerate([*panels, *[blank] * (rows * columns - len(panels))]):
+        grid.paste(panel, (i % columns * step_x, i // columns * step_y))
+    return grid
+
+
+def _moments(players: list[_Player]) -> list[int]:
+    """Four steps worth seeing: the start, two on the way until the last controller arrives, and the end."""
+    last = len(players[0].film) - 1
+    arrivals = [player.settled_since for player in players if player.on_target]
+    way = max(arrivals, default=last)
+    return [0, round(way / 3), round(2 * way / 3), last]
+
+
+def _palette(frames: list[Image.Image]) -> Image.Image:
+    """A palette for all frames; maximum coverage keeps the colours of thin lines, which median cut loses."""
+    sample = [*frames[:: max(1, len(frames) // 6)], frames[-1]]
+    together = Image.fromarray(np.concatenate([np.asarray(frame) for frame in sample]))
+    return together.quantize(_COLOURS, method=Image.Quantize.MAXCOVERAGE)
+
+
+def _write_gif(frames: list[Image.Image], path: Path, fps: int) -> None:
+    """Write the film with one palette for all frames; every second frame only, and so on, until it is small enough."""
+    palette = _palette(frames)
+    stride = 1
+    while True:
+        chosen = [*frames[: len(frames) - 1 : stride], frames[-1]]
+        indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in chosen]
+        durations = [round(1000 * stride / fps)] * (len(chosen) - 1) + [round(1000 * _HOLD)]
+        indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=False)
+        if path.stat().st_size <= _MOST_BYTES or len(chosen) <= 8:
+            return
+        stride *= 2

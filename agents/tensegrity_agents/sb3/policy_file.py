@@ -1,0 +1,181 @@
+"""Trained policies as safetensors (numbers) and JSON (what they mean): nothing in them can run when they are loaded."""
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from gymnasium import spaces
+from safetensors import SafetensorError
+from safetensors.torch import load as load_tensors
+from safetensors.torch import save as save_tensors
+from sb3_contrib.tqc.policies import MultiInputPolicy as TQCPolicy
+from stable_baselines3.common.policies import BasePolicy, MultiInputActorCriticPolicy
+from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.sac.policies import MultiInputPolicy as SACPolicy
+
+from tensegrity_agents.sb3.features import GoalErrorExtractor
+
+FORMAT = 1
+WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
+_POLICIES: dict[str, Any] = {"ppo": MultiInputActorCriticPolicy, "sac": SACPolicy, "tqc": TQCPolicy}
+_ACTIVATIONS = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh}
+_NORMALIZE = "normalize."
+
+
+class PolicyFileError(ValueError):
+    """A policy file that cannot be used; the message names the file and what is wrong with it."""
+
+
+@dataclass
+class Normalization:
+    """Running statistics of the "observation" entry, as VecNormalize applies them."""
+
+    mean: np.ndarray
+    variance: np.ndarray
+    clip: float
+    epsilon: float
+
+    @classmethod
+    def of(cls, normalizer: VecNormalize) -> "Normalization":
+        """The statistics of a VecNormalize that normalizes "observation" alone."""
+        assert isinstance(normalizer.obs_rms, dict)
+        rms = normalizer.obs_rms["observation"]
+        return cls(rms.mean.copy(), rms.var.copy(), float(normalizer.clip_obs), float(normalizer.epsilon))
+
+    def __call__(self, observation: dict[str, Any]) -> dict[str, np.ndarray]:
+        """The normalized observation."""
+        values = (np.asarray(observation["observation"]) - self.mean) / np.sqrt(self.variance + self.epsilon)
+        return {
+            "observation": np.clip(values, -self.clip, self.clip).astype(np.float32),
+            "achieved_goal": np.asarray(observation["achieved_goal"], np.float32),
+            "desired_goal": np.asarray(observation["desired_goal"], np.float32),
+        }
+
+
+class TrainedPolicy:
+    """A trained agent as a controller: takes the raw observation, and normalizes it as in training."""
+
+    knows = "only what it observes; trained by trial and error"
+
+    def __init__(self, policy: BasePolicy, normalization: Normalization, description: dict[str, Any]) -> None:
+        self.policy, self.normalization, self.description = policy, normalization, description
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Actions for one observation or a batch."""
+        return self.policy.predict(self.normalization(observation), deterministic=deterministic)
+
+
+def policy_kwargs(algorithm: str, net_arch: list[int], activation: str, goal_error_scales: list[float]) -> dict[str, Any]:
+    """Arguments of the SB3 policy class, from what the JSON file records."""
+    return {
+        "net_arch": list(net_arch),
+        "activation_fn": _ACTIVATIONS[activation],
+        "features_extractor_class": GoalErrorExtractor,
+        "features_extractor_kwargs": {"scales": tuple(goal_error_scales)},
+    }
+
+
+def save_policy(folder: Path, policy: BasePolicy, normalization: Normalization, description: dict[str, Any]) -> None:
+    """Write policy.safetensors and policy.json into a folder, each whole or not at all.
+
+    Args:
+        folder: is created.
+        policy: of SB3.
+        normalization: of its observations.
+        description: env, algorithm, net_arch, activation, goal_error_scales, and anything else worth keeping (seed, timesteps, config).
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    tensors = {key: value.detach().cpu().contiguous() for key, value in policy.state_dict().items()}
+    tensors[_NORMALIZE + "mean"] = torch.from_numpy(np.asarray(normalization.mean, np.float64))
+    tensors[_NORMALIZE + "variance"] = torch.from_numpy(np.asarray(normalization.variance, np.float64))
+    data = save_tensors(tensors)
+    shapes = {key: list(space.shape or ()) for key, space in _spaces(description["env"])[0].spaces.items()}
+    content = {
+        "format": FORMAT,
+        **description,
+        "observation_shapes": shapes,
+        "action_size": int(np.prod(policy.action_space.shape or ())),
+        "normalization": {"clip": normalization.clip, "epsilon": normalization.epsilon},
+        "sha256": hashlib.sha256(data).hexdigest(),
+    }
+    _write(folder / WEIGHTS, data)
+    _write(folder / DESCRIPTION, json.dumps(content, indent=2).encode())
+
+
+def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
+    """Load a policy that `save_policy` wrote.
+
+    Args:
+        folder: the folder, or one of the two files in it.
+        env_id: of the environment that it is wanted for, if that is to be checked.
+
+    Raises:
+        PolicyFileError: a file is missing, foreign, truncated, or the two do not belong together or to this environment.
+    """
+    folder = folder.parent if folder.name in (WEIGHTS, DESCRIPTION) else folder
+    weights, description_file = folder / WEIGHTS, folder / DESCRIPTION
+    for file in (weights, description_file):
+        if not file.is_file():
+            raise PolicyFileError(f"{folder}: no {file.name} in it; a policy is a folder with {WEIGHTS} and {DESCRIPTION}, as train.py writes it")
+    try:
+        description = json.loads(description_file.read_text())
+        wanted = description["env"], description["algorithm"], description["sha256"], description["format"]
+        settings = [description[key] for key in ("net_arch", "activation", "goal_error_scales")]
+        clip, epsilon = (float(description["normalization"][key]) for key in ("clip", "epsilon"))
+        shapes, action_size = description["observation_shapes"], description["action_size"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise PolicyFileError(f"{description_file}: not a description of a policy of this package ({error!r})") from error
+    env, algorithm, digest, version = wanted
+    if version != FORMAT or algorithm not in _POLICIES or settings[1] not in _ACTIVATIONS:
+        raise PolicyFileError(
+            f"{description_file}: format {version!r}, algorithm {algorithm!r}, activation {settings[1]!r}; this package reads format {FORMAT}, "
+            f"{', '.join(_POLICIES)}, {', '.join(_ACTIVATIONS)}"
+        )
+    if env_id is not None and env != env_id:
+        observation_space, action_space = _spaces(env_id)
+        if {k: list(s.shape or ()) for k, s in observation_space.spaces.items()} != shapes or action_space.shape != (action_size,):
+            raise PolicyFileError(f"{folder}: trained on {env} ({shapes}, {action_size} actions), which does not fit {env_id}")
+    data = weights.read_bytes()
+    if hashlib.sha256(data).hexdigest() != digest:
+        raise PolicyFileError(f"{weights}: truncated, or not the file that {DESCRIPTION} describes (its SHA-256 differs)")
+    try:
+        tensors = load_tensors(data)
+    except SafetensorError as error:
+        raise PolicyFileError(f"{weights}: not a safetensors file ({error})") from error
+    try:
+        mean, variance = (tensors.pop(_NORMALIZE + key).numpy() for key in ("mean", "variance"))
+        observation_space, action_space = _spaces(env)
+        policy = _POLICIES[algorithm](observation_space, action_space, lambda _: 0.0, **policy_kwargs(algorithm, *settings))
+        policy.load_state_dict(tensors)
+    except (KeyError, RuntimeError, TypeError, ValueError, gym.error.Error) as error:
+        raise PolicyFileError(f"{weights}: its tensors do not fit the policy that {DESCRIPTION} describes ({error})") from error
+    if not all(np.isfinite(array).all() for array in (mean, variance)) or not all(
+        bool(torch.isfinite(t).all()) for t in tensors.values()
+    ):
+        raise PolicyFileError(f"{weights}: holds numbers that are not finite")
+    policy.set_training_mode(False)
+    return TrainedPolicy(policy, Normalization(mean, variance, clip, epsilon), description)
+
+
+def _spaces(env_id: str) -> tuple[spaces.Dict, spaces.Box]:
+    env = gym.make(env_id)
+    observation_space, action_space = env.observation_space, env.action_space
+    env.close()
+    assert isinstance(observation_space, spaces.Dict)
+    assert isinstance(action_space, spaces.Box)
+    return observation_space, action_space
+
+
+def _write(path: Path, data: bytes) -> None:
+    """All of it or nothing, even if the process is killed meanwhile."""
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(data)
+    os.replace(part, path)

@@ -1,0 +1,338 @@
+"""Laws that hold for every registered environment; a new id is covered by being registered."""
+
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import tensegrity_envs
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+IDS = tensegrity_envs.ENV_IDS
+COUNT = 6
+every_id = pytest.mark.parametrize("env_id", IDS)
+every_form = pytest.mark.parametrize("reward_type", ["dense", "sparse"])
+
+
+def make(env_id, **options):
+    return gym.make(env_id, **options)
+
+
+def make_vec(env_id, count, **options):
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", **options)
+
+
+def random_actions(envs, steps, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-1, 1, (steps, *envs.action_space.shape)).astype(np.float32)
+
+
+@every_id
+@every_form
+def test_gymnasium_checker_has_nothing_to_say(env_id, reward_type):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(make(env_id, reward_type=reward_type, render_mode="rgb_array").unwrapped)
+
+
+@every_id
+def test_stable_baselines_checker_has_nothing_to_say(env_id):
+    sb3 = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sb3.check_env(make(env_id).unwrapped)
+
+
+@every_id
+def test_making_by_module_prefix_needs_no_import(env_id):
+    assert gym.make(f"tensegrity_envs:{env_id}").spec.max_episode_steps == make(env_id).spec.max_episode_steps
+
+
+@every_id
+def test_single_and_vector_environments_run_identically_episode_by_episode(env_id):
+    """250 steps: several episodes each, failures and time limits included."""
+    steps, seed = 250, 1234
+    envs = make_vec(env_id, COUNT)
+    actions = random_actions(envs, steps)
+    observations, _ = envs.reset(seed=seed)
+    singles = [make(env_id) for _ in range(COUNT)]
+    for i, env in enumerate(singles):
+        single, _ = env.reset(seed=seed + i)
+        for key, value in single.items():
+            np.testing.assert_allclose(observations[key][i], value, rtol=0, atol=1e-7)
+    ended = 0
+    for t in range(steps):
+        observations, rewards, terminated, truncated, info = envs.step(actions[t])
+        for i, env in enumerate(singles):
+            single, reward, term, trunc, single_info = env.step(actions[t, i])
+            assert (bool(terminated[i]), bool(truncated[i])) == (term, trunc)
+            assert rewards[i] == pytest.approx(reward, abs=1e-9)
+            last = info["final_info"] if term or trunc else info
+            for key, value in single_info.items():
+                if isinstance(value, str):
+                    assert last[key][i] == value
+                else:
+                    np.testing.assert_allclose(last[key][i], value, rtol=0, atol=1e-9, err_msg=key)
+            if term or trunc:
+                ended += 1
+                for key, value in single.items():  # the last observation of the episode that ended
+                    np.testing.assert_allclose(info["final_obs"][i][key], value, rtol=0, atol=1e-7)
+                single, _ = env.reset()
+            for key, value in single.items():
+                np.testing.assert_allclose(observations[key][i], value, rtol=0, atol=1e-7)
+        assert ("final_obs" in info) == bool((terminated | truncated).any())
+    assert ended >= COUNT
+
+
+@every_id
+def test_same_seed_same_trajectory_whatever_ran_before(env_id):
+    env, other = make(env_id), make(env_id)
+    other.reset(seed=99)
+    for _ in range(37):
+        if other.step(other.action_space.sample())[2]:
+            other.reset()
+    actions = random_actions(make_vec(env_id, 1), 60)[:, 0]
+    for seed in (5, 5):
+        first, _ = env.reset(seed=seed)
+        second, _ = other.reset(seed=seed)
+        for action in actions:
+            for key in first:
+                np.testing.assert_array_equal(first[key], second[key])
+            one, two = env.step(action), other.step(action)
+            assert one[1:4] == two[1:4]
+            first, second = one[0], two[0]
+            if one[2]:
+                first, _ = env.reset()
+                second, _ = other.reset()
+
+
+@every_id
+def test_an_episode_can_be_begun_by_its_number(env_id):
+    env = make(env_id)
+    env.reset(seed=3)
+    wanted = [env.reset()[0]["desired_goal"] for _ in range(4)][2]  # episode 3 of the seed
+    env.reset(seed=3)
+    np.testing.assert_array_equal(env.reset(options={"episode": 3})[0]["desired_goal"], wanted)
+    with pytest.raises(ValueError, match="episode"):
+        env.reset(options={"episodes": 3})
+
+
+@every_id
+def test_vector_of_other_size_and_masked_reset_give_the_same_episodes(env_id):
+    small, large = make_vec(env_id, 2), make_vec(env_id, 5)
+    a, _ = small.reset(seed=11)
+    b, _ = large.reset(seed=10)
+    np.testing.assert_array_equal(a["desired_goal"], b["desired_goal"][1:3])
+    c, _ = small.reset(options={"reset_mask": np.array([False, True])})
+    d, _ = large.reset()
+    np.testing.assert_array_equal(c["desired_goal"][0], a["desired_goal"][0])
+    np.testing.assert_array_equal(c["desired_goal"][1], d["desired_goal"][2])
+
+
+@every_id
+@every_form
+def test_compute_functions_agree_with_step_on_batches(env_id, reward_type):
+    env = make(env_id, reward_type=reward_type).unwrapped
+    achieved, desired, infos, rewards, ends = [], [], [], [], []
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(400):
+        observation, reward, terminated, truncated, info = env.step(np.sign(env.action_space.sample()))
+        achieved.append(observation["achieved_goal"])
+        desired.append(observation["desired_goal"])
+        infos.append(info)
+        rewards.append(reward)
+        ends.append(terminated)
+        one = env.unwrapped.compute_reward(observation["achieved_goal"], observation["desired_goal"], info)
+        assert one == pytest.approx(reward, abs=1e-9)
+        assert env.unwrapped.compute_terminated(observation["achieved_goal"], observation["desired_goal"], info) is terminated
+        assert env.unwrapped.compute_truncated(observation["achieved_goal"], observation["desired_goal"], info) is truncated
+        if terminated:
+            env.reset()
+    assert any(ends)
+    batch = np.array(achieved), np.array(desired), np.array(infos)
+    np.testing.assert_allclose(env.unwrapped.compute_reward(*batch), rewards, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(env.unwrapped.compute_terminated(*batch), ends)
+    assert not env.unwrapped.compute_truncated(*batch).any()
+
+
+@every_id
+def test_compute_functions_of_the_vector_environment_agree_with_its_step(env_id):
+    envs = make_vec(env_id, 32)
+    envs.reset(seed=0)
+    for action in random_actions(envs, 130):
+        observation, reward, terminated, truncated, info = envs.step(action)
+        ended = terminated | truncated
+        goals = [observation[key].copy() for key in ("achieved_goal", "desired_goal")]
+        last = dict(info)
+        for i in np.flatnonzero(ended):
+            for goal, key in zip(goals, ("achieved_goal", "desired_goal")):
+                goal[i] = info["final_obs"][i][key]
+        if ended.any():
+            for key, value in info["final_info"].items():
+                if not key.startswith("_"):
+                    last[key] = np.where(ended.reshape(-1, *[1] * (value.ndim - 1)), value, info[key])
+        np.testing.assert_allclose(envs.unwrapped.compute_reward(*goals, last), reward, rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(envs.unwrapped.compute_terminated(*goals, last), terminated)
+        np.testing.assert_array_equal(envs.unwrapped.compute_truncated(*goals, last), truncated)
+
+
+@every_id
+def test_relabelled_goals_are_rewarded_and_missing_info_is_explained(env_id):
+    env = make(env_id)
+    observation, info = env.reset(seed=0)
+    here = observation["achieved_goal"]
+    reward = env.unwrapped.compute_reward(here, here, info)
+    assert reward > env.unwrapped.compute_reward(here, observation["desired_goal"], info)
+    with pytest.raises(ValueError, match="copy_info_dict=True"):
+        env.unwrapped.compute_reward(here[None], here[None], np.array([{}]))
+    with pytest.raises(ValueError, match="shape"):
+        env.unwrapped.compute_reward(np.zeros(3), np.zeros(3), info)
+
+
+@every_id
+@every_form
+def test_failing_early_never_pays(env_id, reward_type):
+    """No step is worth less than nothing, and the failing one is worth nothing: what is given up was never negative."""
+    envs = make_vec(env_id, 64, reward_type=reward_type)
+    envs.reset(seed=1)
+    failed = 0
+    for action in random_actions(envs, 120):
+        _, reward, terminated, _, info = envs.step(np.sign(action))
+        assert (reward >= 0).all()
+        assert (reward[terminated] == 0).all()
+        last = info.get("final_info", info)
+        terms = sum(last[key] for key in last if key.startswith("reward_"))
+        np.testing.assert_allclose(np.where(terminated, terms, reward), reward, atol=1e-9)
+        failed += terminated.sum()
+    assert failed > 0
+
+
+@every_id
+def test_observations_stay_in_their_space_and_info_says_what_is_so(env_id):
+    envs = make_vec(env_id, 64)
+    observation, info = envs.reset(seed=2)
+    space = envs.observation_space
+    for t in range(150):
+        assert space.contains(observation)
+        actions = np.sign(random_actions(envs, 1, t)[0])
+        observation, _, terminated, _, info = envs.step(actions)
+        for obs in info.get("final_obs", [])[terminated] if "final_obs" in info else []:
+            assert envs.single_observation_space.contains(obs)
+        last = info.get("final_info", info)
+        assert all(np.isfinite(v).all() for v in last.values() if isinstance(v, np.ndarray) and v.dtype == float)
+        for i in np.flatnonzero(terminated):
+            assert last["termination_reason"][i] in ("unstable", "wrench-infeasible", "buckled", "joint limit")
+            assert not last["is_success"][i]
+        design = envs.unwrapped.design
+        assert (info["tensions"] >= design.min_tension - 1e-9).all() or "Tension" not in env_id
+        assert (info["tensions"] <= design.max_tension + 1e-9).all()
+        assert (np.abs(info["configuration"]) <= 2.6).all()
+
+
+@every_id
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_bad_actions_are_refused_and_change_nothing(env_id, data):
+    env = ENVS.setdefault(env_id, make(env_id))
+    if not hasattr(env, "was_reset"):
+        env.reset(seed=0)
+        env.was_reset = True
+    size = env.action_space.shape[0]
+    bad = data.draw(
+        st.one_of(
+            st.lists(st.floats(-1, 1), max_size=8).filter(lambda v: len(v) != size),
+            st.lists(st.floats(-1, 1), min_size=size, max_size=size).flatmap(
+                lambda v: st.sampled_from([np.nan, np.inf, -np.inf]).map(lambda x: [x, *v[1:]])
+            ),
+        )
+    )
+    before = env.unwrapped.scene()
+    with pytest.raises(ValueError, match=r"shape|finite"):
+        env.unwrapped.step(np.array(bad))
+    assert env.unwrapped.scene().tip == before.tip
+
+
+ENVS: dict = {}
+
+
+@every_id
+@settings(max_examples=25, deadline=None)
+@given(scale=st.floats(1, 1e300), seed=st.integers(0, 1000))
+def test_actions_out_of_range_are_clipped(env_id, scale, seed):
+    first, second = (ENVS.setdefault((env_id, k), make(env_id).unwrapped) for k in (1, 2))
+    direction = np.random.default_rng(seed).choice([-1.0, 1.0], first.action_space.shape)
+    first.reset(seed=seed)
+    second.reset(seed=seed)
+    a, b = first.step(scale * direction), second.step(direction)
+    np.testing.assert_array_equal(a[0]["achieved_goal"], b[0]["achieved_goal"])
+    assert a[1] == b[1]
+
+
+@every_id
+def test_vector_refuses_bad_input_with_clear_errors(env_id):
+    envs = make_vec(env_id, 3)
+    with pytest.raises(RuntimeError, match="reset"):
+        envs.step(envs.action_space.sample())
+    envs.reset(seed=0)
+    bad = envs.action_space.sample()
+    bad[1, 0] = np.nan
+    with pytest.raises(ValueError, match="environment 1"):
+        envs.step(bad)
+    with pytest.raises(ValueError, match="shape"):
+        envs.step(bad[:2])
+    with pytest.raises(ValueError, match="3 environments"):
+        envs.reset(seed=[1, 2])
+    with pytest.raises(ValueError, match="reset_mask"):
+        envs.reset(options={"mask": np.ones(3, bool)})
+    with pytest.raises(ValueError, match="render"):
+        make_vec(env_id, 2, render_mode="rgb_array")
+
+
+@every_id
+@pytest.mark.filterwarnings("ignore:.*render_mode='ansi'")
+def test_bad_options_are_named(env_id):
+    for options, message in (
+        ({"reward_type": "dence"}, "dence"),
+        ({"tolerance": -1.0}, "tolerance"),
+        ({"reward_weights": {"distanse": 1.0}}, "distanse"),
+        ({"reward_weights": {"distance": float("nan")}}, "distance"),
+        ({"observe": "all"}, "observe"),
+        ({"render_mode": "ansi"}, "render_mode"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make(env_id, **options).unwrapped.core  # noqa: B018
+    with pytest.raises(TypeError, match="design"):
+        make(env_id, design={"b": 0.05})
+
+
+@every_id
+def test_stepping_after_the_end_or_before_the_beginning_is_an_error(env_id):
+    env = make(env_id).unwrapped
+    with pytest.raises(RuntimeError, match="reset"):
+        env.step(env.action_space.sample())
+    env.reset(seed=0)
+    action = np.ones(env.action_space.shape)
+    action[1::2] = -1
+    for _ in range(300):
+        if env.step(action)[2]:
+            break
+    else:
+        pytest.skip("this action does not lead to failure")
+    with pytest.raises(RuntimeError, match="terminated"):
+        env.step(action)
+
+
+@every_id
+def test_rendering(env_id):
+    env = make(env_id, render_mode="rgb_array", render_size=200)
+    env.reset(seed=0)
+    before = env.render()
+    env.step(env.action_space.sample())
+    after = env.render()
+    assert before.shape == after.shape == (200, 200, 3)
+    assert before.dtype == np.uint8
+    assert (before != after).any()
+    env.close()

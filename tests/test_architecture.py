@@ -1,0 +1,66 @@
+"""Imports point one way, and each package works without what it must not need."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+ENVS = ROOT / "envs" / "tensegrity_envs"
+# Each layer may import itself and those before it.
+LAYERS = ["mechanics", "seeding", "simulation", "tasks", "core", "episodes", "rendering", "env", "vector_env", "registration"]
+FORBIDDEN = {
+    "mechanics": {"gymnasium", "torch", "pygame", "matplotlib"},
+    "simulation": {"gymnasium", "torch", "pygame"},
+    "tasks": {"gymnasium", "torch", "pygame"},
+}
+
+
+def imports(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+
+
+def layer_of(path):
+    return path.relative_to(ENVS).parts[0].removesuffix(".py")
+
+
+def test_layers_of_the_environments():
+    for path in ENVS.rglob("*.py"):
+        layer = layer_of(path)
+        if layer == "__init__":
+            continue
+        for name in imports(path):
+            parts = name.split(".")
+            assert parts[0] not in FORBIDDEN.get(layer, set()), f"{path} imports {name}"
+            assert parts[0] != "tensegrity_agents", f"{path} imports {name}"
+            if parts[0] == "tensegrity_envs" and len(parts) > 1:
+                assert LAYERS.index(parts[1]) <= LAYERS.index(layer), f"{path} imports {name}"
+
+
+def test_scripts_only_parse_arguments():
+    for path in (ROOT / "scripts").glob("*.py"):
+        assert "__main__" in path.read_text(), f"{path}: multiprocess workers import the main script"
+        assert not [n for n in imports(path) if n.split(".")[0] in ("stable_baselines3", "torch")], path
+
+
+def test_environments_load_neither_torch_nor_pygame_nor_sb3():
+    code = (
+        "import sys, gymnasium, tensegrity_envs; gymnasium.make('tensegrity/TwoXReach-v0').reset(seed=0); "
+        "print([m for m in ('torch', 'pygame', 'stable_baselines3', 'matplotlib', 'mujoco') if m in sys.modules])"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip().endswith("[]")
+
+
+def test_agents_without_their_extra_say_what_to_install():
+    code = (
+        "import importlib.util as u; f = u.find_spec; "
+        "u.find_spec = lambda n, *a: None if n in ('torch', 'stable_baselines3') else f(n, *a); import tensegrity_agents"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "tensegrity-envs[agents]" in shown.stderr
+    assert "torch" in shown.stderr
