@@ -26,7 +26,9 @@ NAMES = ["agent", "closed_form_ik", "pseudo_inverse", "observer", "oracle", "ran
 KINDS = ["agent", "baseline", "baseline", "baseline", "oracle", "random", "baseline", "baseline"]
 
 
-def made_up(name="agent", kind="agent", successes=90, episodes=100, training_seed=None, reason="", **columns):
+def made_up(
+    name="agent", kind="agent", successes=90, episodes=100, training_seed=None, reason="", first_seed=7, **columns
+):
     """A run that succeeds in its first episodes, in 20 steps, and in the others ends 50 mm off after 100 steps."""
     success = np.arange(episodes) < successes
     values = {key: np.full(episodes, 0.5) for key in COLUMNS} | {
@@ -40,7 +42,9 @@ def made_up(name="agent", kind="agent", successes=90, episodes=100, training_see
     }
     values |= {key: np.broadcast_to(np.asarray(value, float), episodes).copy() for key, value in columns.items()}
     reasons = ["" if ok else reason for ok in success]
-    return Run(name, kind, values, 7 + np.arange(episodes), reasons, 3.2, training_seed, notes=f"what {name} knows")
+    return Run(
+        name, kind, values, first_seed + np.arange(episodes), reasons, 3.2, training_seed, notes=f"what {name} knows"
+    )
 
 
 def a_field(count, successes=90):
@@ -181,7 +185,7 @@ def drawn(figure):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("count", range(1, 9))
+@pytest.mark.parametrize("count", [1, 2, 5, 8])
 @pytest.mark.parametrize("successes", [0, 95])
 def test_figures_of_any_number_of_controllers(count, successes):
     runs = a_field(count, successes)
@@ -392,7 +396,7 @@ def test_report_of_a_real_pair(tmp_path):
     runs = [
         evaluate(Still(), ENV, 20, 5, "still", "baseline"),
         evaluate(Wild(), ENV, 20, 5, "wild", "random"),
-        made_up("agent", "agent", 19, 20, training_seed=0, reason="buckled"),
+        made_up("agent", "agent", 19, 20, training_seed=0, reason="buckled", first_seed=5),
     ]
     rows = table.summary_rows(runs, reach=0.6)
     pictures = {
@@ -412,6 +416,7 @@ def test_report_of_a_real_pair(tmp_path):
         "What each controller knows",
         "what agent knows",
         "buckled [%]",
+        "P(agent better)",
         "95.0",
         "100 steps per second",
         '"gamma": 0.8',
@@ -420,7 +425,6 @@ def test_report_of_a_real_pair(tmp_path):
         platform.python_version(),
     ):
         assert part in page.text, part
-    assert platform.node() not in page.text.split() and "P(agent better)" in page.text
 
 
 def test_report_escapes_everything(tmp_path):
@@ -465,6 +469,9 @@ def test_metadata_is_json_and_complete():
     metadata = report.collect_metadata("make compare", {"path": np.array([1, 2])}, range(3))
     assert json.loads(json.dumps(metadata)) == metadata
     assert metadata["config"] == {"path": [1, 2]} and metadata["seeds"] == [0, 1, 2]
+    assert set(metadata) == {
+        *("command", "config", "seeds", "versions", "git", "python", "platform", "cpu_count", "time")
+    }  # no host, no user
     assert metadata["versions"]["numpy"] == np.__version__ and metadata["cpu_count"] >= 1
 
 

@@ -1,4 +1,4 @@
-"""The mechanisms that the laws of test_mechanism_laws.py are checked on. A new mechanism is covered by adding rows here."""
+"""The mechanisms that the laws of test_mechanism_laws.py are checked on. A new mechanism is covered by adding rows."""
 
 import math
 from collections.abc import Callable
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+
 from tensegrity_envs.mechanics import FURET2018, MURALIDHARAN2022, TwoX, TwoXDesign
 
 
@@ -69,7 +70,7 @@ MECHANISMS = [
 
 
 def node_energy(mechanism: Any, q: Any, tensions: Any, load: Any) -> Any:
-    """Energy from nodes and members alone: bars' weights at half height, springs, cables, payload and load at the tip P."""
+    """Energy from nodes and members alone: bars' weights at half height, springs, cables, payload and load at P."""
     design = mechanism.design
     nodes = mechanism.nodes(q)
     x, y = nodes["P"]

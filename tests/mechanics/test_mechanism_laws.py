@@ -157,8 +157,6 @@ def test_shapes_broadcast(case):
             assert np.broadcast_to(entry, (3, 2)).shape == (3, 2)
     energy = m.potential_energy(column, row)
     assert energy.shape == (3, 2)
-    one = m.potential_energy(
-        tuple(component[2] for component in q), tuple(component[1] for component in tensions)
-    )
+    one = m.potential_energy(tuple(component[2] for component in q), tuple(component[1] for component in tensions))
     assert energy[2, 1] == pytest.approx(one, rel=1e-13)
     assert np.shape(m.potential_energy(column, row, (load[0][0], 0.0))) == (3, 2)

@@ -1,4 +1,4 @@
-"""The 2-X manipulator by other routes than the package's: bar geometry by circles, and a root finder that proves its counts."""
+"""The 2-X by other routes than the package's: bars by circles, roots by a search that proves its counts, tiny steps."""
 
 import numpy as np
 
@@ -6,8 +6,8 @@ import numpy as np
 def joint_by_circles(b: float, l: float, phi: float) -> dict[str, complex]:
     """The crossed assembly of one joint as complex points, from the direction phi of its long bar A-C.
 
-    C is at distance l from A in direction phi; D at distance l from B and b from C, the one of the two circle intersections
-    for which the bars A-C and B-D cross.
+    C is at distance l from A in direction phi; D at distance l from B and b from C, the one of the two circle
+    intersections for which the bars A-C and B-D cross.
     """
     left, right = complex(-b / 2), complex(b / 2)
     c = left + l * np.exp(1j * phi)
@@ -35,12 +35,26 @@ def meeting_point(p: complex, q: complex, r: complex, s: complex) -> complex:
     return p + u * (w.conjugate() * v).imag / (u.conjugate() * v).imag
 
 
-class CertifiedRoots:
-    """All inverse solutions in |alpha_i| <= limit by subdivision with bounds: every cell is proved empty or to hold one root.
+def angle_gap(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Distance of angles alpha on the full torus, where 4 pi is once around."""
+    return abs((first - second + 2 * np.pi) % (4 * np.pi) - 2 * np.pi)
 
-    The tip is V(alpha_1) + e^{i alpha_1} (i a + V(alpha_2) + i a e^{i alpha_2}) with V = i r e^{i alpha / 2}. Second derivatives are
-    bounded on each cell, so a cell is dropped where |tip - target| exceeds what the cell can make up for, and Krawczyk's
-    operator proves or excludes a root where the Jacobian is regular. Cells that are still open at the smallest size lie at a
+
+def assert_same_solutions(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
+    """The same configurations, in any order and on any sheet of the angles."""
+    assert len(found) == len(expected), f"{len(found)} solutions, not {len(expected)}: {found}, {expected}"
+    gaps = angle_gap(found[:, None], expected[None]).max(axis=2, initial=0.0)
+    for table in (gaps, gaps.T):
+        assert all(row.min() <= tolerance for row in table), f"{found} differ from {expected}"
+
+
+class CertifiedRoots:
+    """All inverse solutions in |alpha_i| <= limit by subdivision: every cell is proved empty or to hold one root.
+
+    The tip is V(alpha_1) + e^{i alpha_1} (i a + V(alpha_2) + i a e^{i alpha_2}) with V = i r e^{i alpha / 2}. Second
+    derivatives are bounded on each cell, so a cell is dropped where |tip - target| exceeds what the cell can make up
+    for, and Krawczyk's operator proves or excludes a root where the Jacobian is regular. Cells that are still open at
+    the smallest size lie at a
     singularity: their target is `undecided`.
     """
 
@@ -109,7 +123,7 @@ class CertifiedRoots:
         distinct: list[tuple[float, float]] = []
         for root in sorted(roots):
             inside = max(abs(root[0]), abs(root[1])) <= self.limit
-            if inside and not any(max(abs(root[0] - o[0]), abs(root[1] - o[1])) < 1e-9 for o in distinct):
+            if inside and not any(angle_gap(np.array(root), np.array(other)).max() < 1e-9 for other in distinct):
                 distinct.append(root)
         return np.array(distinct).reshape(-1, 2), bool(len(a1))
 
@@ -122,3 +136,45 @@ class CertifiedRoots:
             if max(abs(step[0]), abs(step[1])) < 1e-14:
                 break
         return float(a1), float(a2)
+
+
+def creep(mechanism, q, old, new, longest=1e-3, shortest=1e-9, move=0.01):
+    """Equilibria followed in 1,000 sub-steps or more from tensions `old` to `new`, none moving a joint beyond `move`.
+
+    A sub-step is halved until Newton's method moves that little without meeting an unstable Hessian; stability has
+    ended where a fraction of `shortest` is still too long.
+
+    Args:
+        mechanism: a batch of designs, shape (n,).
+        q: stable equilibria under `old`, shape (2, n).
+        old: tensions, shape (4, n).
+        new: tensions, shape (4, n).
+
+    Returns:
+        Configurations, shape (2, n), fractions covered, and the smallest eigenvalue of the Hessian met on the way.
+    """
+    q, n = np.array(q, float), q.shape[1]
+    t, dt, lowest = np.zeros(n), np.full(n, longest), np.full(n, np.inf)
+    active = np.arange(n)
+    while len(active):
+        part = mechanism.take(active)
+        ahead = np.minimum(t[active] + dt[active], 1.0)
+        tensions = tuple(old[:, active] + ahead * (new - old)[:, active])
+        point, good = q[:, active].copy(), np.ones(len(active), bool)
+        for _ in range(5):
+            (g1, g2), ((h11, h12), (_, h22)) = part.statics(tuple(point), tensions)
+            det = h11 * h22 - h12 * h12
+            smallest = (h11 + h22) / 2 - np.sqrt(((h11 - h22) / 2) ** 2 + h12 * h12)
+            good &= smallest > 0
+            step = np.stack([h22 * g1 - h12 * g2, h11 * g2 - h12 * g1]) / np.where(det == 0, 1.0, det)
+            step = np.where(good, step, 0.0)
+            point -= step
+            if abs(step).max() < 1e-12:
+                break
+        good &= (abs(step).max(axis=0) < 1e-8) & (abs(point - q[:, active]).max(axis=0) < move)
+        to = active[good]
+        q[:, to], t[to] = point[:, good], ahead[good]
+        lowest[to] = np.minimum(lowest[to], smallest[good])
+        dt[active] = np.where(good, np.minimum(1.5 * dt[active], longest), dt[active] / 2)
+        active = active[(t[active] < 1.0) & (dt[active] > shortest)]
+    return q, t, lowest

@@ -362,7 +362,7 @@ def workspace(design: TwoXDesign, episodes: Endings, title: str = "") -> Figure:
         axes.plot(*path.T, color=_BAD, linewidth=0.9, alpha=0.75)
         axes.plot(*np.stack([final[i], target[i]]).T, color=_FAINT, linewidth=0.7, linestyle=(0, (2, 2)))
     if len(drawn):
-        which = f" (paths of {_MOST_PATHS})" if len(failed) > _MOST_PATHS else ""
+        which = f"\n(paths of {_MOST_PATHS})" if len(failed) > _MOST_PATHS else ""
         axes.plot(*start[drawn].T, "o", markersize=3.6, color="white", markeredgecolor=_BAD, label="their start")
         axes.plot(*final[drawn].T, "s", markersize=3.4, color=_BAD, label="their end")
         axes.plot(*target[drawn].T, "x", markersize=6, color=_INK, label=f"not reached: {len(failed):,}{which}")

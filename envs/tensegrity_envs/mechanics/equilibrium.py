@@ -265,11 +265,11 @@ def _descend(statics: Statics, q: np.ndarray, limit: float) -> np.ndarray:
             if np.all(pivot > 0):
                 break
             shifted = np.where(pivot > 0, shifted, 2 * shifted + 1e-3 * scale + 1e-12)
-        length = np.abs(step).max(axis=0)
+        length = np.where(np.abs(q).max(axis=0) > limit, 0.0, np.abs(step).max(axis=0))  # what left the limits is done
         if np.all(length < 1e-13):
             break
-        shrink = np.minimum(1.0, 0.1 / np.maximum(length, 1e-300))
-        trial = np.clip(q - shrink * np.stack(step), -1.01 * limit, 1.01 * limit)
+        shrink = np.minimum(length, 0.1) / np.maximum(np.abs(step).max(axis=0), 1e-300)
+        trial = q - shrink * np.stack(step)
         new_gradient, new_hessian = _as_arrays(statics, trial)
         # The slope along the step tells whether the energy fell all the way; a step far beyond the bottom is undone.
         slope, slope_there = ((g * (trial - q)).sum(axis=0) for g in (gradient, new_gradient))

@@ -628,7 +628,7 @@ class TwoX:
         a1, a2 = (2 * math.pi - (2 * math.pi - alpha) % _FULL_TURN for alpha in (a1, a2))  # into (-2 pi, 2 pi]
         px, py = self.tip((a1, a2))
         residual = np.hypot(px - x[owner], py - y[owner])
-        keep = (residual < 1e-10 * self.reach) & self.is_within_limits((a1, a2))
+        keep = (residual < 1e-12 * self.reach) & self.is_within_limits((a1, a2))
         order = np.lexsort((a2[keep], a1[keep], owner[keep]))
         owner, a1, a2, residual = (values[keep][order] for values in (owner, a1, a2, residual))
         # Candidates that arrived at the same solution differ by rounding, sqrt(eps) at a double root.
