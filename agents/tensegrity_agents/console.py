@@ -61,7 +61,7 @@ def find_experiment(config: Path | None, env: str | None, folder: Path = Path("c
         return load_experiment(config)
     wanted = env if env is None or env.startswith("tensegrity/") else f"tensegrity/{env}"
     found: dict[str, Path] = {}
-    for path in sorted(folder.glob("*.yaml")):
+    for path in sorted(folder.glob("*.yaml")):  # of several, the one whose name comes first
         content = yaml.safe_load(path.read_text())
         found.setdefault(str(content.get("env")), path)
     if wanted not in found:

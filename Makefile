@@ -1,0 +1,31 @@
+# make compare [ENV=TwoXReach-v0]   the main job: train, compare, report          make test    all tests
+# make check                        ruff, formatting, mypy                        make bench   speeds, as ratios
+ENV ?= TwoXReach-v0
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: compare test check bench install clean
+
+compare: .venv/installed
+	$(BIN)/python scripts/compare.py --env $(ENV)
+
+test: .venv/installed
+	$(BIN)/python -m pytest -n 2
+
+check: .venv/installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: .venv/installed
+	$(BIN)/python scripts/benchmark.py
+
+install: .venv/installed
+
+.venv/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[agents,mujoco,dev]"
+	@touch $@
+
+clean:
+	rm -rf .venv results

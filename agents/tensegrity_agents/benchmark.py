@@ -1,0 +1,149 @@
+"""Speeds as ratios to Gymnasium's Reacher-v5, all measured in one run; absolute numbers depend on the machine."""
+
+import cProfile
+import pstats
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import tensegrity_envs
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+
+from tensegrity_agents.config import Experiment
+from tensegrity_agents.sb3.features import GoalErrorExtractor
+from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
+
+REFERENCE = "Reacher-v5"
+_PARTS = {"advance": "physics", "begin": "new episodes", "observation": "observations", "_outcome": "reward and info"}
+
+
+class Speed(NamedTuple):
+    """One line of the benchmark.
+
+    Attributes:
+        what: measured.
+        per_second: environment steps per second.
+        ratio: to the reference.
+        goal: of the ratio; None where none is set.
+    """
+
+    what: str
+    per_second: float
+    ratio: float
+    goal: float | None
+
+
+def single(rounds: int = 5, steps: int = 2000, progress: Callable[[str], None] = print) -> list[Speed]:
+    """Single environments through `gym.make`, uniform random actions, resets included; median over interleaved rounds."""
+    ids = (REFERENCE, *tensegrity_envs.ENV_IDS)
+    goals = {"tensegrity/TwoXReach-v0": 1.5, "tensegrity/TwoXTensionReach-v0": 1.0}
+    envs = {env_id: gym.make(env_id) for env_id in ids}
+    taken: dict[str, list[float]] = {env_id: [] for env_id in ids}
+    stepping: dict[str, list[float]] = {env_id: [] for env_id in ids}
+    for env_id, env in envs.items():
+        env.reset(seed=0)
+        env.action_space.seed(0)
+    for turn in range(rounds):
+        for env_id, env in envs.items():
+            progress(f"single {env_id}, round {turn + 1} of {rounds}")
+            actions = [env.action_space.sample() for _ in range(steps)]
+            env.reset()
+            begun = time.perf_counter()
+            resets = 0.0
+            for action in actions:
+                _, _, terminated, truncated, _ = env.step(action)
+                if terminated or truncated:
+                    before = time.perf_counter()
+                    env.reset()
+                    resets += time.perf_counter() - before
+            total = time.perf_counter() - begun
+            taken[env_id].append(total / steps)
+            stepping[env_id].append((total - resets) / steps)
+    lines = []
+    for times, what, wanted in ((stepping, "step", goals), (taken, "step, resets included", {})):
+        reference = float(np.median(times[REFERENCE]))
+        for env_id in ids:
+            own = float(np.median(times[env_id]))
+            lines.append(Speed(f"single {env_id} {what}", 1 / own, reference / own, wanted.get(env_id)))
+    return lines
+
+
+def vector(count: int = 1024, steps: int = 310, progress: Callable[[str], None] = print) -> list[Speed]:
+    """Vector environments of `count`, uniform random actions, at least 300 steps: resets and synchronized time limits included."""
+    goals = {"tensegrity/TwoXReach-v0": 80.0, "tensegrity/TwoXTensionReach-v0": 30.0}
+    lines: list[Speed] = []
+    reference = 0.0
+    for env_id in (REFERENCE, *tensegrity_envs.ENV_IDS):
+        progress(f"vector {env_id} x {count}, {steps} steps")
+        mode = "sync" if env_id == REFERENCE else "vector_entry_point"
+        envs = gym.make_vec(env_id, count, vectorization_mode=mode)
+        rng = np.random.default_rng(0)
+        actions = rng.uniform(-1, 1, (steps, *envs.action_space.shape)).astype(np.float32)  # type: ignore[misc]
+        envs.reset(seed=0)
+        begun = time.perf_counter()
+        for action in actions:
+            envs.step(action)
+        rate = count * steps / (time.perf_counter() - begun)
+        envs.close()
+        reference = reference or rate
+        lines.append(Speed(f"vector {env_id} x {count}", rate, rate / reference, goals.get(env_id)))
+    return lines
+
+
+def shares(env_id: str, count: int = 1024, steps: int = 100) -> dict[str, float]:
+    """Where a vector step's time goes: shares of the profiled time."""
+    envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point")
+    envs.reset(seed=0)
+    rng = np.random.default_rng(0)
+    profile = cProfile.Profile()
+    for _ in range(steps):
+        action = rng.uniform(-1, 1, envs.action_space.shape).astype(np.float32)  # type: ignore[arg-type]
+        profile.runcall(envs.step, action)
+    stats: dict[Any, Any] = pstats.Stats(profile).stats  # type: ignore[attr-defined]
+    spent = {name: 0.0 for name in _PARTS.values()}
+    for (file, _, function), (_, _, _, cumulative, _) in stats.items():
+        if function in _PARTS and "tensegrity_envs" in file and "simulation" not in file:
+            spent[_PARTS[function]] += cumulative
+    total = next(c for (f, _, name), (_, _, _, c, _) in stats.items() if name == "step" and "vector_env" in f)
+    spent["everything else"] = total - sum(spent.values())
+    return {name: value / total for name, value in spent.items()}
+
+
+def ppo(experiment: Experiment, timesteps: int = 120_000, progress: Callable[[str], None] = print) -> list[Speed]:
+    """Frames per second of PPO, learning included: ours as configured, Reacher-v5 with SB3's defaults in the better of 8 and 64 environments."""
+    rates: dict[str, float] = {}
+    for count, n_steps in ((8, 2048), (64, 256)):
+        progress(f"PPO on {REFERENCE} x {count}")
+        env = VecNormalize(VecMonitor(DummyVecEnv([lambda: gym.make(REFERENCE)] * count)))
+        model = PPO("MlpPolicy", env, n_steps=n_steps, device="cpu", seed=0)
+        rates[f"PPO {REFERENCE}, DummyVecEnv {count}"] = _frames(model, timesteps // 3)
+    reference = max(rates.values())
+    s = experiment.train.ppo
+    progress(f"PPO on {experiment.env} x {s.num_envs}")
+    envs = gym.make_vec(experiment.env, s.num_envs, vectorization_mode="vector_entry_point")
+    env = VecNormalize(VecMonitor(VectorEnvAdapter(envs)), norm_obs_keys=["observation"], norm_reward=False)
+    kwargs = {"net_arch": experiment.train.net_arch, "features_extractor_class": GoalErrorExtractor}
+    model = PPO(
+        "MultiInputPolicy",
+        env,
+        n_steps=s.n_steps,
+        batch_size=s.batch_size,
+        n_epochs=s.n_epochs,
+        policy_kwargs=kwargs,
+        device="cpu",
+        seed=0,
+    )
+    ours = _frames(model, timesteps)
+    lines = [Speed(name, rate, rate / reference, None) for name, rate in rates.items()]
+    return [*lines, Speed(f"PPO {experiment.env} x {s.num_envs}", ours, ours / reference, 2.0)]
+
+
+def _frames(model: PPO, timesteps: int) -> float:
+    model.learn(model.n_steps * model.n_envs)  # warm up
+    before = model.num_timesteps
+    begun = time.perf_counter()
+    model.learn(timesteps, reset_num_timesteps=False)
+    return float((model.num_timesteps - before) / (time.perf_counter() - begun))

@@ -1,0 +1,125 @@
+"""From a comparison to its table, figures, video and report."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import tensegrity_envs  # noqa: F401  (registers the ids)
+from tensegrity_envs.seeding import TEST_SEED
+
+from tensegrity_agents.config import Experiment
+from tensegrity_agents.evaluation.compare import Comparison, Progress
+from tensegrity_agents.reporting import figures, table, video
+from tensegrity_agents.reporting.report import collect_metadata, write_report
+
+_PATHS = 12  # episodes whose joint paths are drawn
+_WORKSPACE_EPISODES = 300
+
+
+def write_comparison(
+    experiment: Experiment, comparison: Comparison, folder: Path, progress: Progress
+) -> tuple[Path, list[table.Row]]:
+    """Write summary.md, figures, video and report.html.
+
+    Returns:
+        The path of report.html, and the rows of the table.
+    """
+    runs = comparison.runs
+    envs = gym.make_vec(experiment.env, 1, vectorization_mode="vector_entry_point")
+    design, reach = envs.unwrapped.design, float(envs.unwrapped.core.reach)  # type: ignore[attr-defined]
+    rows = table.summary_rows(runs, reach)
+    (folder / "summary.md").write_text(table.to_markdown(rows) + "\n\n" + table.verdict(rows) + "\n")
+    pictures = folder / "figures"
+    pictures.mkdir(exist_ok=True)
+    look = figures.looks({run.controller: run.kind for run in runs})
+    shown = {name: c for name, c in comparison.controllers.items() if name != "random"}
+    agent = next(iter(comparison.controllers))
+    steps = 8
+    done = 0
+
+    def drawn(what: str) -> None:
+        nonlocal done
+        done += 1
+        progress("drawing", done, steps, what)
+
+    made: dict[str, Path] = {}
+
+    def keep(name: str, figure: Any) -> None:
+        made[name] = figures.save(figure, pictures / name)
+        drawn(name)
+
+    keep("success", figures.success_bars(rows))
+    keep("error", figures.error_distribution(runs))
+    keep("steps", figures.success_over_steps(runs))
+    paths = {name: _paths(controller, experiment, _PATHS)[0] for name, controller in shown.items()}
+    keep("joint_space", figures.joint_space(design, paths, look))
+    keep("workspace", figures.workspace(design, _paths(comparison.controllers[agent], experiment, _WORKSPACE_EPISODES)[1], agent))
+    first = next(iter(comparison.curves.values()))
+    keep("learning_curve", figures.learning_curve(first))
+    film = video.record(
+        experiment.env, comparison.controllers, TEST_SEED + experiment.video_episode, folder / "side_by_side.gif"
+    )
+    drawn("video")
+    descriptions = [policy.description for policy in comparison.agents.values()]
+    command = "python " + " ".join(sys.argv)
+    report = write_report(
+        folder,
+        title=f"{experiment.env.split('/')[1]}: {agent} against the analytic controllers",
+        env_id=experiment.env,
+        rows=rows,
+        runs=runs,
+        metadata=collect_metadata(
+            command, experiment.model_dump(mode="json"), {"training": experiment.seeds, "first test episode": TEST_SEED}
+        ),
+        figures=made,
+        video=film,
+        training={
+            "runs": len(descriptions),
+            "timesteps": descriptions[0]["timesteps"],
+            "seconds": descriptions[0]["training_seconds"],
+            "config": experiment.train.model_dump(mode="json"),
+        },
+        command=command,
+    )
+    drawn("report")
+    return report, rows
+
+
+def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np.ndarray], figures.Endings]:
+    """Joint paths and tip positions of the first test episodes."""
+    envs = gym.make_vec(experiment.env, count, vectorization_mode="vector_entry_point")
+    observation, info = envs.reset(seed=TEST_SEED)
+    begin = getattr(controller, "begin_episodes", None)
+    base: Any = envs.unwrapped
+    if begin is not None:
+        begin(np.ones(count, bool), base.design, base.true_design if getattr(controller, "wants_privileged", False) else None)
+    start, target = observation["achieved_goal"].copy(), observation["desired_goal"].copy()
+    joints, tips = [info["configuration"]], [start]
+    length = np.zeros(count, int)
+    success = np.zeros(count, bool)
+    state: Any = None
+    begun, alive = np.ones(count, bool), np.ones(count, bool)
+    while alive.any():
+        actions, state = controller.predict(observation, state=state, episode_start=begun, deterministic=True)
+        observation, _, terminated, truncated, info = envs.step(actions)
+        begun = terminated | truncated
+        last = info.get("final_info", info)
+        q, tip, hit = info["configuration"].copy(), observation["achieved_goal"].copy(), info["is_success"].copy()
+        for i in np.flatnonzero(begun):
+            q[i], tip[i], hit[i] = last["configuration"][i], info["final_obs"][i]["achieved_goal"], last["is_success"][i]
+        joints.append(q)
+        tips.append(tip)
+        length[alive] += 1
+        success[alive] = hit[alive]
+        alive &= ~begun
+    all_joints, all_tips = np.stack(joints), np.stack(tips)
+    ends = figures.Endings(
+        start,
+        target,
+        all_tips[length, np.arange(count)],
+        success,
+        [all_tips[: length[i] + 1, i] for i in range(count)],
+    )
+    return [all_joints[: length[i] + 1, i] for i in range(count)], ends

@@ -1,0 +1,44 @@
+"""Speeds, each as a ratio to Gymnasium's Reacher-v5 measured in the same run."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tensegrity_envs
+import typer
+from rich.table import Table
+from tensegrity_agents import benchmark
+from tensegrity_agents.console import clear_errors, console, find_experiment
+
+
+def main(
+    only: Annotated[str, typer.Option(help="single, vector, ppo, or all")] = "all",
+    config: Annotated[Path, typer.Option(help="settings of PPO")] = Path("configs/two_x_reach.yaml"),
+) -> None:
+    """Measure steps per second of single and vector environments and of PPO. Takes about three minutes; leave the machine alone meanwhile."""
+    with clear_errors():
+        if only not in ("all", "single", "vector", "ppo"):
+            raise ValueError(f"--only {only}: must be single, vector, ppo or all")
+
+        def progress(what: str) -> None:
+            console.print(f"[dim]{what}[/]", highlight=False)
+
+        lines = []
+        if only in ("all", "single"):
+            lines += benchmark.single(progress=progress)
+        if only in ("all", "vector"):
+            lines += benchmark.vector(progress=progress)
+        if only in ("all", "ppo"):
+            lines += benchmark.ppo(find_experiment(config, None), progress=progress)
+        table = Table("measured", "steps/s", f"ratio to {benchmark.REFERENCE}", "goal")
+        for line in lines:
+            met = "" if line.goal is None else f"{line.goal:g}x {'met' if line.ratio >= line.goal else 'MISSED'}"
+            table.add_row(line.what, f"{line.per_second:,.0f}", f"{line.ratio:.2f}x", met)
+        console.print(table)
+        if only in ("all", "vector"):
+            for env_id in tensegrity_envs.ENV_IDS:
+                shares = ", ".join(f"{name} {share:.0%}" for name, share in benchmark.shares(env_id).items())
+                console.print(f"where a vector step of {env_id} goes: {shares}", highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    typer.run(main)

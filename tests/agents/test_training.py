@@ -1,0 +1,287 @@
+"""Training, policy files, configs, the SB3 adapter and the controllers."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import tensegrity_envs
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from stable_baselines3 import SAC, HerReplayBuffer
+from stable_baselines3.common.vec_env import VecMonitor
+from tensegrity_agents.config import ConfigError, Experiment, load_experiment
+from tensegrity_agents.controllers import BASELINES, make_controller
+from tensegrity_agents.evaluation.results import COLUMNS, write_csv
+from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.sb3.policy_file import PolicyFileError, load_policy
+from tensegrity_agents.sb3.training import TrainingError, read_curve, train
+from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
+from tensegrity_envs.seeding import VALIDATION_SEED
+
+REACH = "tensegrity/TwoXReach-v0"
+ROOT = Path(__file__).parents[2]
+SMALL = {
+    "env": REACH,
+    "train": {
+        "total_timesteps": 6144,
+        "segment_timesteps": 2048,
+        "net_arch": [16],
+        "ppo": {"num_envs": 64, "n_steps": 16, "batch_size": 512, "n_epochs": 2},
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("agent")
+    return train(Experiment(**SMALL), 3, folder), folder
+
+
+def test_adapter_hands_on_what_ppo_needs():
+    """Terminal observations, time limits apart from failures, episode statistics; equal to the vector environment below."""
+    envs = VecMonitor(VectorEnvAdapter(gym.make_vec(REACH, 16, vectorization_mode="vector_entry_point")))
+    twin = gym.make_vec(REACH, 16, vectorization_mode="vector_entry_point")
+    envs.seed(5)
+    observation = envs.reset()
+    expected, _ = twin.reset(seed=5)
+    rng = np.random.default_rng(0)
+    seen = set()
+    for _ in range(130):
+        for key, value in expected.items():
+            np.testing.assert_array_equal(observation[key], value)
+        action = np.sign(rng.uniform(-1, 1, (16, 2))).astype(np.float32) * (rng.random((16, 1)) < 0.5)
+        observation, reward, done, infos = envs.step(action)
+        expected, twin_reward, terminated, truncated, info = twin.step(action)
+        np.testing.assert_allclose(reward, twin_reward, rtol=1e-6)
+        np.testing.assert_array_equal(done, terminated | truncated)
+        for i in np.flatnonzero(done):
+            assert infos[i]["TimeLimit.truncated"] == bool(truncated[i] and not terminated[i])
+            np.testing.assert_array_equal(infos[i]["terminal_observation"]["observation"], info["final_obs"][i]["observation"])
+            assert infos[i]["is_success"] == info["final_info"]["is_success"][i]
+            assert infos[i]["episode"]["l"] == info["final_info"]["step"][i]
+            seen.add(infos[i]["TimeLimit.truncated"])
+    assert seen == {True, False}
+    with pytest.raises(ValueError, match="SAME_STEP"):
+        VectorEnvAdapter(gym.make_vec("CartPole-v1", 2, vectorization_mode="sync"))
+
+
+def test_a_policy_survives_its_file(trained):
+    policy, folder = trained
+    loaded = load_policy(folder, REACH)
+    envs = gym.make_vec(REACH, 32, vectorization_mode="vector_entry_point")
+    observation, _ = envs.reset(seed=0)
+    np.testing.assert_array_equal(policy.predict(observation)[0], loaded.predict(observation)[0])
+    assert loaded.description["seed"] == 3
+    curve = read_curve(folder / "progress.csv")
+    assert all(len(values) == len(curve["seconds"]) for values in curve.values())
+
+
+def test_unusable_policy_files_are_explained(trained, tmp_path):
+    _, folder = trained
+    weights, description = (folder / "policy.safetensors").read_bytes(), json.loads((folder / "policy.json").read_text())
+
+    def attempt(data, text, match, env_id=None):
+        (tmp_path / "policy.safetensors").write_bytes(data)
+        (tmp_path / "policy.json").write_text(text)
+        with pytest.raises(PolicyFileError, match=match):
+            load_policy(tmp_path, env_id)
+
+    import hashlib
+
+    good = json.dumps(description)
+    attempt(weights[:-10], good, "truncated")
+    attempt(weights, "{", "not a description")
+    attempt(weights, json.dumps({"a": 1}), "not a description")
+    attempt(weights, json.dumps(description | {"algorithm": "dqn"}), "dqn")
+    attempt(weights, json.dumps(description | {"net_arch": [17]}), "do not fit")
+    attempt(weights, json.dumps(description | {"env": "tensegrity/Nothing-v0"}), "do not fit")
+    attempt(weights, good, "does not fit", "tensegrity/TwoXPayloadReach-v0")
+    pickled = b"\x80\x04\x95\x10\x00\x00\x00\x00\x00\x00\x00\x8c\x02os\x94\x8c\x06system\x94\x93\x94."
+    attempt(pickled, json.dumps(description | {"sha256": hashlib.sha256(pickled).hexdigest()}), "not a safetensors file")
+    (tmp_path / "policy.json").unlink()
+    with pytest.raises(PolicyFileError, match=r"policy\.json"):
+        load_policy(tmp_path)
+
+
+@settings(max_examples=30, deadline=None)
+@given(cut=st.integers(0, 4000), flip=st.integers(0, 255))
+def test_damaged_policy_files_never_load(trained, tmp_path_factory, cut, flip):
+    _, folder = trained
+    home = tmp_path_factory.mktemp("damaged")
+    data = bytearray((folder / "policy.safetensors").read_bytes())
+    data[cut % len(data)] ^= flip or 1
+    (home / "policy.safetensors").write_bytes(bytes(data))
+    (home / "policy.json").write_bytes((folder / "policy.json").read_bytes())
+    with pytest.raises(PolicyFileError):
+        load_policy(home)
+
+
+def parameters(policy):
+    return torch.cat([value.flatten() for value in policy.policy.state_dict().values()])
+
+
+def test_a_killed_training_goes_on_to_the_same_policy(trained, tmp_path):
+    """Killed with SIGKILL after its first checkpoint, started again: the same parameters as the uninterrupted one, bit for bit."""
+    policy, _ = trained
+    (tmp_path / "small.json").write_text(json.dumps(SMALL))
+    code = (
+        "import json, sys; from pathlib import Path; from tensegrity_agents.config import Experiment; "
+        "from tensegrity_agents.sb3.training import train\n"
+        f"if __name__ == '__main__': train(Experiment(**json.loads(Path({str(tmp_path / 'small.json')!r}).read_text())), 3, Path({str(tmp_path / 'run')!r}))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code])
+    checkpoint = tmp_path / "run" / "checkpoint.pt"
+    for _ in range(1200):
+        if checkpoint.exists() or process.poll() is not None:
+            break
+        time.sleep(0.05)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert checkpoint.exists()
+    assert torch.load(checkpoint, weights_only=True)["num_timesteps"] <= 6144
+    resumed = train(Experiment(**SMALL), 3, tmp_path / "run")
+    assert torch.equal(parameters(resumed), parameters(policy))
+    np.testing.assert_array_equal(resumed.normalization.mean, policy.normalization.mean)
+    other = SMALL | {"train": SMALL["train"] | {"net_arch": [8]}}
+    with pytest.raises(TrainingError, match="net_arch"):
+        train(Experiment(**other), 3, tmp_path / "run")
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "tqc"])
+def test_off_policy_with_hindsight_trains_and_is_stored(algorithm, tmp_path):
+    experiment = Experiment(
+        env=REACH,
+        train={
+            "algorithm": algorithm,
+            "total_timesteps": 400,
+            "segment_timesteps": 250,
+            "net_arch": [16],
+            "env_options": {"reward_type": "sparse"},
+            "off_policy": {"learning_starts": 150, "batch_size": 32},
+        },
+    )
+    policy = train(experiment, 0, tmp_path)
+    observation, _ = gym.make(REACH).reset(seed=0)
+    action, _ = load_policy(tmp_path, REACH).predict(observation)
+    assert action.shape == (2,)
+    np.testing.assert_array_equal(action, policy.predict(observation)[0])
+
+
+def test_hindsight_relabels_with_the_dense_reward_too():
+    env = gym.make(REACH)
+    kwargs = {"n_sampled_goal": 4, "goal_selection_strategy": "future", "copy_info_dict": True}
+    model = SAC(
+        "MultiInputPolicy", env, replay_buffer_class=HerReplayBuffer, replay_buffer_kwargs=kwargs, learning_starts=200, batch_size=64
+    )
+    model.learn(260)
+    data = model.replay_buffer.sample(256)
+    assert torch.isfinite(data.rewards).all()
+    assert (data.rewards >= 0).all()
+    assert float(data.rewards.max()) > 0.9  # relabelled goals are reached
+
+
+@pytest.mark.parametrize("name", ["closed_form_ik", "pseudo_inverse", "observer", "oracle", "random"])
+@pytest.mark.parametrize("env_id", tensegrity_envs.ENV_IDS)
+def test_every_baseline_runs_on_every_environment(env_id, name):
+    run = evaluate(make_controller(name, env_id), env_id, 40, VALIDATION_SEED, name)
+    assert set(run.columns) == set(COLUMNS)
+    success = run.columns["success"].mean()
+    if name == "random":
+        assert success < 0.1
+    elif name == "oracle" or ("Payload" not in env_id and name in ("closed_form_ik", "observer")):
+        assert success >= 0.95
+    elif name == "observer":
+        assert success >= 0.9
+    assert not np.isnan(run.columns["final_error_m"]).any()
+
+
+def test_the_observer_finds_the_payload():
+    from tensegrity_agents.controllers.reading import estimate_payload, read
+    from tensegrity_envs.mechanics import TwoX
+
+    envs = gym.make_vec("tensegrity/TwoXPayloadReach-v0", 200, vectorization_mode="vector_entry_point")
+    observation, info = envs.reset(seed=0)
+    estimate = estimate_payload(TwoX(envs.unwrapped.design), read(observation, envs.unwrapped.design), None)
+    right = np.abs(estimate.payload - info["payload"]) < 1e-3
+    assert right.mean() >= 0.98
+    np.testing.assert_allclose(estimate.configuration[right], info["configuration"][right], atol=1e-4)
+
+
+def test_batches_of_the_evaluation_do_not_matter(tmp_path):
+    whole = evaluate(make_controller("closed_form_ik", REACH), REACH, 30, VALIDATION_SEED, "ik")
+    parts = evaluate(make_controller("closed_form_ik", REACH), REACH, 30, VALIDATION_SEED, "ik", batch=7)
+    for key in COLUMNS:
+        np.testing.assert_allclose(whole.columns[key], parts.columns[key], atol=1e-9)
+    write_csv([whole], tmp_path / "episodes.csv")
+    assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 31
+
+
+def test_a_controller_of_ones_own(tmp_path, monkeypatch):
+    (tmp_path / "my_controllers.py").write_text(
+        "import numpy as np\nclass Still:\n"
+        "    def predict(self, observation, state=None, episode_start=None, deterministic=True):\n"
+        "        return np.zeros((len(observation['achieved_goal']), 2)), None\nclass Broken: pass\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    run = evaluate(make_controller("my_controllers:Still", REACH), REACH, 5, VALIDATION_SEED, "still")
+    assert (run.columns["steps"] == 100).all()
+    for name, match in (("closed_form", "closed_form_ik"), ("my_controllers:Stil", "Still"), ("nothing:X", "nothing"), ("my_controllers:Broken", "predict")):
+        with pytest.raises(ValueError, match=match):
+            make_controller(name, REACH)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("env: tensegrity/TwoXReach-v0\ntrain: {total_timestep: 5}", "total_timesteps"),
+        ("env: tensegrity/TwoXReech-v0\ntrain: {total_timesteps: 5}", "did you mean tensegrity/TwoXReach-v0"),
+        ("env: TwoXReach-v0\ntrain: {total_timesteps: lots}", "train.total_timesteps"),
+        ("env: TwoXReach-v0\ntrain: {total_timesteps: 5, ppo: {gama: 0.9}}", "'gamma'"),
+        ("env: TwoXReach-v0\ntrain: {total_timesteps: 5, ppo: {gamma: .nan}}", "gamma"),
+        ("env: TwoXReach-v0\nseeds: [0, 0]\ntrain: {total_timesteps: 5}", "seeds"),
+        ("env: TwoXReach-v0\ncontrollers: [ik]\ntrain: {total_timesteps: 5}", "closed_form_ik"),
+        ("env: TwoXReach-v0\ntrain: {total_timesteps: 5, env_options: {reward: 1}}", "reward"),
+        ("env: [", "not valid YAML"),
+        ("- 1", "keys and values"),
+    ],
+)
+def test_config_errors_say_what_would_work(tmp_path, text, match):
+    path = tmp_path / "config.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=match):
+        load_experiment(path)
+    with pytest.raises(ConfigError, match=r"config\.yaml"):
+        load_experiment(tmp_path / "other.yaml")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.name)
+def test_shipped_configs_are_valid(path):
+    load_experiment(path)
+
+
+@pytest.mark.parametrize("script", ["train", "evaluate", "compare", "benchmark"])
+def test_scripts_teach_and_refuse(script):
+    """--help names what the script does; a misspelt option or environment is answered with what exists."""
+    command = [sys.executable, str(ROOT / "scripts" / f"{script}.py")]
+    run = {"capture_output": True, "text": True, "cwd": ROOT, "env": os.environ | {"COLUMNS": "160"}}
+    shown = subprocess.run([*command, "--help"], check=True, **run).stdout
+    assert "--" in shown
+    bad = subprocess.run([*command, "--confg", "x"], check=False, **run)
+    assert bad.returncode == 2
+    if script in ("evaluate", "compare", "train"):
+        bad = subprocess.run([*command, "--env", "TwoXRech-v0"], check=False, **run)
+        assert bad.returncode == 2
+        assert "TwoXReach-v0" in bad.stdout
+        assert "Traceback" not in bad.stdout + bad.stderr
+
+
+def test_baselines_are_listed_everywhere_they_are_offered():
+    assert set(Experiment.model_fields["controllers"].default) == set(BASELINES)
