@@ -87,8 +87,7 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
             if seeds[i] is not None:
                 self._queue.restart(i, seeds[i])
         self._begin(np.flatnonzero(mask))
-        info = self._outcome()[1]
-        return self._observation(), info
+        return self._observation(self._episode, self._state), self._outcome(self._episode, self._state)[1]
 
     def _given_seeds(self, seed: int | list[int | None] | None) -> list[int | None]:
         if seed is None:
@@ -115,33 +114,43 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
             raise ValueError(f"actions: environment {int(np.argmin(np.isfinite(array).all(axis=1)))} got one that is not finite")
         self._state = self.core.advance(episode, self._state, tuple(np.clip(array, -1.0, 1.0).T))
         self._steps += 1
-        reward, info = self._outcome()
+        reward, info = self._outcome(episode, self._state)
+        observation = self._observation(episode, self._state)
         terminated = self._state.failure != RUNNING
         truncated = np.zeros(self.num_envs, bool)
         if self.max_episode_steps is not None:
             truncated = self._steps >= self.max_episode_steps
-        ended = np.flatnonzero(terminated | truncated)
-        observation = self._observation()
-        if len(ended):
-            final = np.full(self.num_envs, None, object)
-            for i in ended:
-                final[i] = {key: value[i] for key, value in observation.items()}
-            mask = terminated | truncated
-            last = info
-            self._begin(ended)
-            observation = self._observation()
-            info = self._outcome()[1]
-            final_info = {key: value if not key.startswith("_") else mask for key, value in last.items()}
-            info |= {"final_obs": final, "_final_obs": mask, "final_info": final_info, "_final_info": mask}
+        ended = terminated | truncated
+        if ended.any():
+            observation, info = self._autoreset(observation, info, ended)
         return observation, reward, terminated, truncated, info
+
+    def _autoreset(
+        self, observation: dict[str, np.ndarray], info: dict[str, Any], ended: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Begin the next episodes; what was last seen of those that ended moves into final_obs and final_info."""
+        index = np.flatnonzero(ended)
+        final = np.full(self.num_envs, None, object)
+        for i in index:
+            final[i] = {key: value[i] for key, value in observation.items()}
+        episode, state = self._begin(index)
+        merged_observation = _put(observation, self._observation(episode, state), index)
+        merged_info = _put(info, self._outcome(episode, state)[1], index)
+        final_info = {key: ended if key.startswith("_") else value for key, value in info.items()}
+        return merged_observation, merged_info | {
+            "final_obs": final,
+            "_final_obs": ended,
+            "final_info": final_info,
+            "_final_info": ended,
+        }
 
     def _running(self) -> Episode:
         if self._episode is None:
             raise RuntimeError("call reset() before the first step")
         return self._episode
 
-    def _begin(self, index: np.ndarray) -> None:
-        """Begin the next episode in the environments at `index`."""
+    def _begin(self, index: np.ndarray) -> tuple[Episode, State]:
+        """Begin the next episode in the environments at `index`; returns those episodes and states."""
         assert self._queue is not None
         begun = self._queue.pop(index)
         self._steps[index] = 0
@@ -149,28 +158,30 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
             self._episode, self._state = begun
         else:
             self._episode, self._state = put((self._episode, self._state), begun, index)
+        return begun
 
-    def _observation(self) -> dict[str, np.ndarray]:
-        parts = self.core.observation(self._state)
-        observation = np.empty((self.num_envs, len(parts)), np.float32)
+    def _observation(self, episode: Episode, state: State) -> dict[str, np.ndarray]:
+        parts = self.core.observation(state)
+        observation = np.empty((len(state.failure), len(parts)), np.float32)
         for column, part in enumerate(parts):
             observation[:, column] = part
         return {
             "observation": observation,
-            "achieved_goal": np.stack(self._state.tip, axis=1).astype(np.float32),
-            "desired_goal": np.stack(self._running().goal, axis=1).astype(np.float32),
+            "achieved_goal": np.stack(state.tip, axis=1).astype(np.float32),
+            "desired_goal": np.stack(episode.goal, axis=1).astype(np.float32),
         }
 
-    def _outcome(self) -> tuple[np.ndarray, dict[str, Any]]:
-        """Reward and info of the present state."""
-        core, state, episode = self.core, self._state, self._running()
-        error = np.hypot(*(tip.astype(np.float32).astype(float) - goal for tip, goal in zip(state.tip, episode.goal, strict=True)))
+    def _outcome(self, episode: Episode, state: State) -> tuple[np.ndarray, dict[str, Any]]:
+        """Reward and info of a state of all environments, or of those that have just begun."""
+        core, count = self.core, len(state.failure)
+        x, y = (tip.astype(np.float32).astype(float) - goal for tip, goal in zip(state.tip, episode.goal, strict=True))
+        error = np.hypot(x, y)
         terms = core.task.reward_terms(np, error, state, episode.solutions)
-        payload = np.broadcast_to(episode.mechanism.design.payload, (self.num_envs,))
+        payload = np.broadcast_to(episode.mechanism.design.payload, (count,))
         info = information(core, state, error, terms, payload)
         info["configuration"] = np.stack(state.configuration, axis=1)
         info["tensions"] = np.stack(state.inputs, axis=1)
-        info["step"] = self._steps.copy()
+        info["step"] = self._steps.copy() if count == self.num_envs else np.zeros(count, np.int64)
         info["termination_reason"] = _REASONS[state.failure]
         info |= {f"_{key}": self._all for key in info}
         return np.asarray(total_reward(terms)), info
@@ -188,3 +199,13 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
         if self.max_episode_steps is None:
             return np.zeros(len(achieved_goal), bool)
         return np.asarray(info["step"]) >= self.max_episode_steps
+
+
+def _put(whole: dict[str, Any], part: dict[str, Any], index: np.ndarray) -> dict[str, Any]:
+    """Copies of the arrays in `whole` with the rows at `index` taken from `part`; masks stay as they are."""
+    merged = dict(whole)
+    for key, value in part.items():
+        if not key.startswith("_"):
+            merged[key] = whole[key].copy()
+            merged[key][index] = value
+    return merged

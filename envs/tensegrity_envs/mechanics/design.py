@@ -43,7 +43,11 @@ def take(design: D, index: Any) -> D:
         for field in dataclasses.fields(design)  # type: ignore[arg-type]
         if isinstance(getattr(design, field.name), np.ndarray)
     }
-    return dataclasses.replace(design, **arrays) if arrays else design  # type: ignore[type-var]
+    if not arrays:
+        return design
+    part = object.__new__(type(design))  # no validation: part of a valid batch is valid, and this is a hot path
+    part.__dict__.update(vars(design) | arrays)
+    return part
 
 
 @dataclass(frozen=True)

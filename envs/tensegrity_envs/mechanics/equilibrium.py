@@ -26,7 +26,7 @@ _FIRST_STEP = 0.8  # longest first step of a sub-step [rad or m]
 _CHANGE = 3.0  # the determinant of the Hessian changes at most by this factor, from the start of a step to its end
 _ITERATIONS_OF_SUBSTEP = 3  # leave an error that the next sub-step corrects
 _SECTIONS = 12
-_SHORTEST_SUBSTEP = 2.0**-12
+_RESOLUTION = 2.0**-12  # shortest sub-step
 
 
 class Equilibrium(NamedTuple):
@@ -116,20 +116,21 @@ def _newton(
     return q, failed, size, volume
 
 
-def follow(path: PathStatics, q: Components) -> tuple[Components, Component]:
+def follow(path: PathStatics, q: Components, resolution: float = _RESOLUTION) -> tuple[Components, Component]:
     """Follow a stable equilibrium along a path of inputs or loads from parameter 0 to 1, never onto another branch.
 
     One Newton solve where its steps contract from the start; elsewhere sub-steps, shortened until they contract. Where
     stability ends on the way, the last stable point is returned. So it is where stability all but ends: where a
-    sub-step of 1/4096 is still too long.
+    sub-step of the given resolution is still too long.
 
     Args:
         path: statics along the path, in any coordinates.
         q: the equilibrium at parameter 0 in those coordinates, floats or arrays of shape (n,).
+        resolution: length of the shortest sub-step, as a fraction of the path.
 
     Returns:
-        The coordinates, and the fraction of the path that was covered: 1, or less (by 1/1000 at most) than where
-        stability ended.
+        The coordinates, and the fraction of the path that was covered: 1, or less (by a few times the resolution at most)
+        than where stability ended.
     """
     everything = np.arange(len(q[0])) if is_batch(*q) else 0
     q1, failed, size, _ = _newton(_at(path, 1.0, None), q, _volume(path, q, 0.0, everything))
@@ -137,18 +138,20 @@ def follow(path: PathStatics, q: Components) -> tuple[Components, Component]:
     if not is_batch(*q):
         if not failed:
             return q1, 1.0
-        end, fraction = _follow_in_substeps(path, tuple(np.array([qi]) for qi in q), np.array([0]))
+        end, fraction = _follow_in_substeps(path, tuple(np.array([qi]) for qi in q), np.array([0]), resolution)
         return tuple(float(qi[0]) for qi in end), float(fraction[0])
     fraction = np.ones(len(q1[0]))
     index = np.flatnonzero(failed)
     if len(index):
-        end, fraction[index] = _follow_in_substeps(path, tuple(qi[index] for qi in q), index)
+        end, fraction[index] = _follow_in_substeps(path, tuple(qi[index] for qi in q), index, resolution)
         for whole, part in zip(q1, end, strict=True):
             whole[index] = part
     return q1, fraction
 
 
-def _follow_in_substeps(path: PathStatics, q: Components, index: np.ndarray) -> tuple[Components, np.ndarray]:
+def _follow_in_substeps(
+    path: PathStatics, q: Components, index: np.ndarray, resolution: float
+) -> tuple[Components, np.ndarray]:
     q = tuple(qi.copy() for qi in q)
     t, reach = np.zeros(len(index)), np.ones(len(index))
     volume = _volume(path, q, t, index)
@@ -169,7 +172,7 @@ def _follow_in_substeps(path: PathStatics, q: Components, index: np.ndarray) -> 
         t[active[moved]] = ahead[row]
         volume[active[moved]] = reached[row]
         reach[active] *= 2.0 ** ((good - _SECTIONS) / 2 + 1)  # next: up to twice the last length
-        active = active[(t[active] < 1.0) & (reach[active] > _SHORTEST_SUBSTEP)]
+        active = active[(t[active] < 1.0) & (reach[active] > resolution)]
     polished, failed, _, _ = _newton(_at(path, t, index), q, volume)
     return tuple(np.where(failed, qi, p) for qi, p in zip(q, polished, strict=True)), t
 

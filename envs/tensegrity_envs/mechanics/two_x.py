@@ -194,8 +194,16 @@ class TwoX:
 
     def take(self, index: Any) -> "TwoX":
         """The mechanisms at `index` of a batch of designs; itself where there is one design only."""
-        chosen = take(self.design, index)
-        return self if chosen is self.design else TwoX(chosen)
+        if not isinstance(self._probe, np.ndarray):
+            return self
+        part = object.__new__(TwoX)
+        part.__dict__.update(
+            {name: value[index] if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
+        )
+        part.design = take(self.design, index)
+        part._masses = [m[index] if isinstance(m, np.ndarray) else m for m in self._masses]
+        part._lengths = tuple(m[index] if isinstance(m, np.ndarray) else m for m in self._lengths)
+        return part
 
     # ------------------------------------------------------------------------------------------------ geometry
 

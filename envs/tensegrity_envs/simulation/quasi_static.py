@@ -57,6 +57,7 @@ class TensionControl:
     action_size = 4
     rate = 15.0
     rate_unit = "N"
+    resolution = 1 / 64  # of a step: how closely the last stable state before buckling is found
 
     def at(self, mechanism: TwoX, q: Components, tensions: Components) -> State:
         """The state of an arm in stable equilibrium at q under these tensions."""
@@ -84,7 +85,7 @@ class TensionControl:
             between = tuple(_at(o, index) + t * (_at(n, index) - _at(o, index)) for o, n in zip(old, new, strict=True))
             return mechanism.take(index).sine_statics(u, between)
 
-        u, fraction = follow(path, mechanism.to_sines(state.configuration))
+        u, fraction = follow(path, mechanism.to_sines(state.configuration), self.resolution)
         q = mechanism.from_sines(u)
         reached = self.at(mechanism, q, tuple(o + fraction * (n - o) for o, n in zip(old, new, strict=True)))
         outside = (abs(q[0]) > design.joint_limit) | (abs(q[1]) > design.joint_limit)
