@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import Annotated
 
-import tensegrity_envs
 import typer
 from rich.table import Table
+
+import tensegrity_envs
 from tensegrity_agents import benchmark
 from tensegrity_agents.console import clear_errors, console, find_experiment
 
@@ -14,7 +15,10 @@ def main(
     only: Annotated[str, typer.Option(help="single, vector, ppo, or all")] = "all",
     config: Annotated[Path, typer.Option(help="settings of PPO")] = Path("configs/two_x_reach.yaml"),
 ) -> None:
-    """Measure steps per second of single and vector environments and of PPO. Takes about three minutes; leave the machine alone meanwhile."""
+    """Measure steps per second of single and vector environments and of PPO.
+
+    Takes about three minutes; leave the machine alone meanwhile.
+    """
     with clear_errors():
         if only not in ("all", "single", "vector", "ppo"):
             raise ValueError(f"--only {only}: must be single, vector, ppo or all")

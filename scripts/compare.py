@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
 from tensegrity_agents.console import clear_errors, console, find_experiment, progress_bar
 from tensegrity_agents.evaluation.compare import compare
 from tensegrity_agents.reporting.compare_report import write_comparison
@@ -11,7 +12,9 @@ from tensegrity_agents.reporting.table import print_table, verdict
 
 
 def main(
-    env: Annotated[str | None, typer.Option(help="take the config in configs/ for this id, such as TwoXTensionReach-v0")] = None,
+    env: Annotated[
+        str | None, typer.Option(help="take the config in configs/ for this id, such as TwoXTensionReach-v0")
+    ] = None,
     config: Annotated[Path | None, typer.Option(help="or this YAML file")] = None,
     out: Annotated[Path | None, typer.Option(help="results folder [default: results/<environment>]")] = None,
     controller: Annotated[
@@ -21,9 +24,11 @@ def main(
     episodes: Annotated[int | None, typer.Option(min=1, help="test episodes instead of the config's")] = None,
     fresh: Annotated[bool, typer.Option(help="train anew even where a trained agent is there")] = False,
 ) -> None:
-    """Train (or load) the agents of a config, evaluate them and the controllers on the same test episodes, print the table, write the report.
+    """Train (or load) the agents of a config, evaluate them and the controllers on the same test episodes,
+    print the table, write the report.
 
-    Interrupt it whenever you like: the same command goes on from the last checkpoint, and agents already trained are not trained again.
+    Interrupt it whenever you like: the same command goes on from the last checkpoint, and agents already trained are
+    not trained again.
 
     Example: python scripts/compare.py --env TwoXPayloadReach-v0
     """
@@ -36,13 +41,19 @@ def main(
         }
         experiment = type(experiment)(**experiment.model_dump() | changed)
         folder = out or Path("results") / experiment.env.split("/")[1]
-        console.print(f"{experiment.env}: {len(experiment.seeds)} agent(s), {experiment.episodes} test episodes -> {folder}/")
+        console.print(
+            f"{experiment.env}: {len(experiment.seeds)} agent(s), {experiment.episodes} test episodes -> {folder}/"
+        )
         with progress_bar() as progress:
             comparison = compare(experiment, folder, progress, fresh)
             report, rows = write_comparison(experiment, comparison, folder, progress)
         print_table(rows, console)
         console.print(verdict(rows))
-        console.print(f"\nreport:  {report}\nvideo:   {folder}/side_by_side.gif\nnumbers: {folder}/episodes.csv, {folder}/summary.md")
+        console.print(
+            f"\nreport:  {report}\n"
+            f"video:   {folder}/side_by_side.gif\n"
+            f"numbers: {folder}/episodes.csv, {folder}/summary.md"
+        )
 
 
 if __name__ == "__main__":

@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import Annotated
 
-import tensegrity_envs
 import typer
+
+import tensegrity_envs
 from tensegrity_agents.config import ConfigError
 from tensegrity_agents.console import clear_errors, console, progress_bar
 from tensegrity_agents.controllers import make_controller
@@ -27,10 +28,12 @@ def main(
 ) -> None:
     """Evaluate controllers on the same held-out episodes and print the table.
 
-    A controller of your own is any class, called without arguments, that has predict(observation, state, episode_start, deterministic); observations come in
-    batches of shape (n, ...), actions are of shape (n, size) in [-1, 1]. See CONTRIBUTING.md.
+    A controller of your own is any class, called without arguments, that has predict(observation, state, episode_start,
+    deterministic); observations come in batches of shape (n, ...), actions are of shape (n, size) in [-1, 1]. See
+    CONTRIBUTING.md.
 
-    Example: python scripts/evaluate.py --env TwoXPayloadReach-v0 --controller observer --controller my_module:MyController
+    Example:
+    python scripts/evaluate.py --env TwoXPayloadReach-v0 --controller observer --controller my_module:MyController
     """
     with clear_errors():
         env_id = env if env.startswith("tensegrity/") else f"tensegrity/{env}"
@@ -45,6 +48,10 @@ def main(
         runs = []
         with progress_bar() as progress:
             for name, candidate, kind in candidates:
+
+                def report(done: int, total: int, name: str = name) -> None:
+                    progress(f"evaluating {name}", done, total, "")
+
                 run = evaluate(
                     candidate,
                     env_id,
@@ -52,7 +59,7 @@ def main(
                     TEST_SEED if split == "test" else VALIDATION_SEED,
                     name,
                     kind,
-                    progress=lambda done, total, name=name: progress(f"evaluating {name}", done, total, ""),
+                    progress=report,
                 )
                 runs.append(run)
                 if csv is not None:

@@ -8,7 +8,18 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 ENVS = ROOT / "envs" / "tensegrity_envs"
 # Each layer may import itself and those before it.
-LAYERS = ["mechanics", "seeding", "simulation", "tasks", "core", "episodes", "rendering", "env", "vector_env", "registration"]
+LAYERS = [
+    "mechanics",
+    "seeding",
+    "simulation",
+    "tasks",
+    "core",
+    "episodes",
+    "rendering",
+    "env",
+    "vector_env",
+    "registration",
+]
 FORBIDDEN = {
     "mechanics": {"gymnasium", "torch", "pygame", "matplotlib"},
     "simulation": {"gymnasium", "torch", "pygame"},
@@ -59,7 +70,8 @@ def test_environments_load_neither_torch_nor_pygame_nor_sb3():
 def test_agents_without_their_extra_say_what_to_install():
     code = (
         "import importlib.util as u; f = u.find_spec; "
-        "u.find_spec = lambda n, *a: None if n in ('torch', 'stable_baselines3') else f(n, *a); import tensegrity_agents"
+        "u.find_spec = lambda n, *a: None if n in ('torch', 'stable_baselines3') else f(n, *a); "
+        "import tensegrity_agents"
     )
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "tensegrity-envs[agents]" in shown.stderr

@@ -6,7 +6,19 @@ Raises:
 
 from importlib.util import find_spec
 
-_NEEDED = ("stable_baselines3", "sb3_contrib", "torch", "safetensors", "pydantic", "yaml", "rich", "typer", "matplotlib", "jinja2", "PIL")
+_NEEDED = (
+    "stable_baselines3",
+    "sb3_contrib",
+    "torch",
+    "safetensors",
+    "pydantic",
+    "yaml",
+    "rich",
+    "typer",
+    "matplotlib",
+    "jinja2",
+    "PIL",
+)
 _missing = [name for name in _NEEDED if find_spec(name) is None]
 if _missing:
     raise ImportError(

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-import tensegrity_envs
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
+import tensegrity_envs
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.sb3.features import GoalErrorExtractor
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
@@ -37,13 +37,16 @@ class Speed(NamedTuple):
 
 
 def single(rounds: int = 5, steps: int = 2000, progress: Callable[[str], None] = print) -> list[Speed]:
-    """Single environments through `gym.make`, uniform random actions, resets included; median over interleaved rounds."""
+    """Single environments through `gym.make`, uniform random actions, resets included.
+
+    Each speed is the median over interleaved rounds.
+    """
     ids = (REFERENCE, *tensegrity_envs.ENV_IDS)
     goals = {"tensegrity/TwoXReach-v0": 1.5, "tensegrity/TwoXTensionReach-v0": 1.0}
     envs = {env_id: gym.make(env_id) for env_id in ids}
     taken: dict[str, list[float]] = {env_id: [] for env_id in ids}
     stepping: dict[str, list[float]] = {env_id: [] for env_id in ids}
-    for env_id, env in envs.items():
+    for env in envs.values():
         env.reset(seed=0)
         env.action_space.seed(0)
     for turn in range(rounds):
@@ -72,7 +75,10 @@ def single(rounds: int = 5, steps: int = 2000, progress: Callable[[str], None] =
 
 
 def vector(count: int = 1024, steps: int = 310, progress: Callable[[str], None] = print) -> list[Speed]:
-    """Vector environments of `count`, uniform random actions, at least 300 steps: resets and synchronized time limits included."""
+    """Vector environments of `count`, uniform random actions.
+
+    At least 300 steps: resets and synchronized time limits included.
+    """
     goals = {"tensegrity/TwoXReach-v0": 80.0, "tensegrity/TwoXTensionReach-v0": 30.0}
     lines: list[Speed] = []
     reference = 0.0
@@ -102,7 +108,7 @@ def shares(env_id: str, count: int = 1024, steps: int = 100) -> dict[str, float]
     for _ in range(steps):
         action = rng.uniform(-1, 1, envs.action_space.shape).astype(np.float32)  # type: ignore[arg-type]
         profile.runcall(envs.step, action)
-    stats: dict[Any, Any] = pstats.Stats(profile).stats  # type: ignore[attr-defined]
+    stats: dict[Any, Any] = pstats.Stats(profile).stats
     spent = {name: 0.0 for name in _PARTS.values()}
     for (file, _, function), (_, _, _, cumulative, _) in stats.items():
         if function in _PARTS and "tensegrity_envs" in file and "simulation" not in file:
@@ -113,7 +119,10 @@ def shares(env_id: str, count: int = 1024, steps: int = 100) -> dict[str, float]
 
 
 def ppo(experiment: Experiment, timesteps: int = 120_000, progress: Callable[[str], None] = print) -> list[Speed]:
-    """Frames per second of PPO, learning included: ours as configured, Reacher-v5 with SB3's defaults in the better of 8 and 64 environments."""
+    """Frames per second of PPO, learning included.
+
+    Ours as configured, Reacher-v5 with SB3's defaults in the better of 8 and 64 environments.
+    """
     rates: dict[str, float] = {}
     for count, n_steps in ((8, 2048), (64, 256)):
         progress(f"PPO on {REFERENCE} x {count}")

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import gymnasium as gym
-import tensegrity_envs
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+import tensegrity_envs
 from tensegrity_agents.controllers import BASELINES
 
 
@@ -94,7 +94,9 @@ class Experiment(_Strict):
     def _known_controllers(cls, value: list[str]) -> list[str]:
         for name in value:
             if name not in BASELINES and ":" not in name:
-                raise ValueError(f"no controller {name!r}; there are {', '.join(BASELINES)}, or your own as 'module:Class'")
+                raise ValueError(
+                    f"no controller {name!r}; there are {', '.join(BASELINES)}, or your own as 'module:Class'"
+                )
         return value
 
     @field_validator("seeds")

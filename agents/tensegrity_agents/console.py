@@ -14,6 +14,8 @@ from tensegrity_agents.sb3.policy_file import PolicyFileError
 from tensegrity_agents.sb3.training import TrainingError
 
 console = Console()
+if not console.is_terminal:  # a file or a pipe has room for the whole table
+    console = Console(width=110)
 
 
 @contextmanager

@@ -1,10 +1,10 @@
 """Gymnasium environments for tensegrity manipulators. Importing this package registers their ids.
 
-    import gymnasium as gym
-    import tensegrity_envs
+import gymnasium as gym
+import tensegrity_envs
 
-    env = gym.make("tensegrity/TwoXReach-v0")
-    envs = gym.make_vec("tensegrity/TwoXReach-v0", 256, vectorization_mode="vector_entry_point")
+env = gym.make("tensegrity/TwoXReach-v0")
+envs = gym.make_vec("tensegrity/TwoXReach-v0", 256, vectorization_mode="vector_entry_point")
 """
 
 from tensegrity_envs.registration import ENTRIES, ENV_IDS, register_all

@@ -1,4 +1,6 @@
-"""An environment as pure functions on components: mechanism x simulation x task. The single and the vector shell run this one code.
+"""An environment as pure functions on components: mechanism x simulation x task.
+
+The single and the vector shell run this one code.
 
 Components are floats in the single environment and arrays of shape (n,) in the vector environment.
 """
@@ -11,13 +13,13 @@ from gymnasium import spaces
 
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
-from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, State
+from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Simulation, State
 from tensegrity_envs.simulation.quasi_static import JointControl, TensionControl
 from tensegrity_envs.tasks.reach import Reach, RewardWeights, feasible_solutions
 from tensegrity_envs.tasks.sampling import Sampler
 
 JOINT_LIMIT = 2.6  # [rad] shared with the MuJoCo variants, where a loop could flip beyond it
-CONTROLS = {"joint": JointControl, "tension": TensionControl}
+CONTROLS: dict[str, type[JointControl] | type[TensionControl]] = {"joint": JointControl, "tension": TensionControl}
 
 
 def environment_design(design: TwoXDesign = MURALIDHARAN2022) -> TwoXDesign:
@@ -67,16 +69,20 @@ class Core:
         tolerance: float = 0.005,
     ) -> None:
         if not isinstance(design, TwoXDesign):
-            raise TypeError(f"design = {design!r}: must be a TwoXDesign, such as tensegrity_envs.mechanics.MURALIDHARAN2022")
+            raise TypeError(
+                f"design = {design!r}: must be a TwoXDesign, such as tensegrity_envs.mechanics.MURALIDHARAN2022"
+            )
         if control not in CONTROLS:
             raise ValueError(f"control = {control!r}: must be one of {', '.join(map(repr, CONTROLS))}")
         if observe not in ("full", "tip_and_tensions"):
             raise ValueError(f"observe = {observe!r}: must be 'full' or 'tip_and_tensions'")
         if payload_range is not None and control != "tension":
-            raise ValueError("payload_range: needs control = 'tension' (in joint control the cables would give the payload away)")
+            raise ValueError(
+                "payload_range: needs control = 'tension' (in joint control the cables would give the payload away)"
+            )
         self.design = environment_design(design)
         self.nominal = TwoX(self.design)
-        self.simulation = CONTROLS[control]()
+        self.simulation: Simulation = CONTROLS[control]()
         self.payload_range = payload_range
         self.observe_all = observe == "full"
         self.task = Reach(
@@ -101,7 +107,7 @@ class Core:
         state = (
             self.simulation.start(mechanism, drawn.configuration)
             if drawn.tensions is None
-            else self.simulation.at(mechanism, drawn.configuration, drawn.tensions)  # type: ignore[call-arg]
+            else self.simulation.at(mechanism, drawn.configuration, drawn.tensions)
         )
         x, y = (np.float32(component).astype(float) for component in mechanism.tip(drawn.target_configuration))
         solutions = None
@@ -116,8 +122,8 @@ class Core:
     def observation(self, state: State) -> list[Component]:
         """Components of the "observation" entry, each within [-1, 1].
 
-        tip / reach (2), tensions from -1 at their minimum to 1 at their maximum (4), and, if all is observed, sine and cosine of each joint angle (4),
-        stability and wrench margin m as m / (1 + |m|) (2).
+        tip / reach (2), tensions from -1 at their minimum to 1 at their maximum (4), and, if all is observed, sine and
+        cosine of each joint angle (4), stability and wrench margin m as m / (1 + |m|) (2).
         """
         xp = namespace_of(state.tip[0])
         low, high = self.design.min_tension, self.design.max_tension
@@ -153,7 +159,9 @@ class Core:
 _INFO_KEYS = ("configuration", "tensions", "stability_margin", "wrench_margin", "failure", "payload")
 
 
-def information(core: Core, state: State, error: Component, terms: dict[str, Component], payload: Component) -> dict[str, Any]:
+def information(
+    core: Core, state: State, error: Component, terms: dict[str, Component], payload: Component
+) -> dict[str, Any]:
     """The `info` of a step, apart from its vectors: names as documented in `TwoXReachEnv`."""
     return {
         "is_success": core.task.is_success(error, state.failure),
@@ -170,7 +178,10 @@ def information(core: Core, state: State, error: Component, terms: dict[str, Com
 
 
 def total_reward(terms: dict[str, Component]) -> Component:
-    """The sum of the terms to nine decimals, so that float, batch and relabelled computations give the same number to the last bit."""
+    """The sum of the terms to nine decimals.
+
+    So float, batch and relabelled computations give the same number to the last bit.
+    """
     total: Component = sum(terms.values())
     return np.round(total, 9) if isinstance(total, np.ndarray) else round(total, 9)
 
@@ -190,17 +201,21 @@ def _goals(achieved: Any, desired: Any, info: Any) -> tuple[np.ndarray, np.ndarr
     achieved, desired = np.asarray(achieved, float), np.asarray(desired, float)
     single = achieved.ndim == 1
     if achieved.shape != desired.shape or achieved.shape[-1] != 2 or achieved.ndim > 2:
-        raise ValueError(f"goals of shapes {achieved.shape} and {desired.shape}: both must be (2,) or (n, 2), in metres")
+        raise ValueError(
+            f"goals of shapes {achieved.shape} and {desired.shape}: both must be (2,) or (n, 2), in metres"
+        )
     infos = [info] if isinstance(info, dict) and single else info
     if not isinstance(infos, dict):
         if len(infos) != (1 if single else len(achieved)) or any(key not in i for i in infos for key in _INFO_KEYS):
             raise ValueError(
-                "compute_reward needs the info of every step (the reward depends on tensions and margins, not on the goals alone): with Stable-Baselines3, "
-                "HerReplayBuffer(copy_info_dict=True)"
+                "compute_reward needs the info of every step (the reward depends on tensions and margins, "
+                "not on the goals alone): with Stable-Baselines3, HerReplayBuffer(copy_info_dict=True)"
             )
         infos = {key: np.array([i[key] for i in infos]) for key in _INFO_KEYS}
     elif any(key not in infos for key in _INFO_KEYS):
-        raise ValueError(f"info lacks {[key for key in _INFO_KEYS if key not in infos]}: pass the info that step returned")
+        raise ValueError(
+            f"info lacks {[key for key in _INFO_KEYS if key not in infos]}: pass the info that step returned"
+        )
     return np.atleast_2d(achieved), np.atleast_2d(desired), infos, single
 
 

@@ -18,12 +18,14 @@ _AHEAD = 16  # episodes drawn at once
 class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
     """Reach a target with a 2-X manipulator, staying stable and wrench-feasible.
 
-    Observation: Dict of "observation" (see `Core.observation`; every component within [-1, 1]), "achieved_goal" (the tip) and "desired_goal" (the
-    target), both in metres; all float32. Action: increments in [-1, 1], scaled by 0.1 rad (joint control) or 15 N (tension control); components outside are
-    clipped, NaN, infinite or wrongly shaped ones raise ValueError.
+    Observation: Dict of "observation" (see `Core.observation`; every component within [-1, 1]), "achieved_goal" (the
+    tip) and "desired_goal" (the target), both in metres; all float32. Action: increments in [-1, 1], scaled by 0.1 rad
+    (joint control) or 15 N (tension control); components outside are clipped, NaN, infinite or wrongly shaped ones
+    raise ValueError.
 
-    `info` holds is_success, tip_error [m], configuration [rad], tensions [N], stability_margin, wrench_margin, is_stable, is_wrench_feasible, payload [kg]
-    (privileged: controllers do not see info), failure (code) with termination_reason (words), and every weighted term of the reward as reward_<name>.
+    `info` holds is_success, tip_error [m], configuration [rad], tensions [N], stability_margin, wrench_margin,
+    is_stable, is_wrench_feasible, payload [kg] (privileged: controllers do not see info), failure (code) with
+    termination_reason (words), and every weighted term of the reward as reward_<name>.
 
     Args:
         render_mode: None, "rgb_array" or "human".
@@ -39,7 +41,8 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         self.core = Core(**options)
         self.render_mode = render_mode
         self.render_size = render_size
-        self.observation_space = self.core.observation_space
+        # Gymnasium types a Dict as a space of spaces, not of what it samples.
+        self.observation_space = self.core.observation_space  # type: ignore[assignment]
         self.action_space = self.core.action_space
         self._queue: EpisodeQueue | None = None
         self._episode: Episode | None = None
@@ -76,7 +79,9 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         if options:
             unknown = [key for key in options if key != "episode"]
             if unknown:
-                raise ValueError(f"reset options {unknown}: the only one is 'episode', the number of the episode to begin")
+                raise ValueError(
+                    f"reset options {unknown}: the only one is 'episode', the number of the episode to begin"
+                )
             self._queue.restart(0, episode=int(options["episode"]))
         self._episode, self._state = as_floats(self._queue.pop(np.array([0])))
         self._desired = np.array(self._episode.goal, np.float32)
@@ -147,7 +152,10 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         return self.core.compute_terminated(achieved_goal, desired_goal, info)
 
     def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
-        """Never: the time limit is `gym.make`'s TimeLimit wrapper, as in Gymnasium-Robotics. Arguments as for `compute_reward`."""
+        """Never: the time limit is `gym.make`'s TimeLimit wrapper, as in Gymnasium-Robotics.
+
+        Arguments as for `compute_reward`.
+        """
         return False if np.ndim(achieved_goal) == 1 else np.zeros(len(achieved_goal), bool)
 
     def scene(self) -> Scene:
@@ -171,7 +179,10 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         )
 
     def render(self) -> Any:
-        """The picture (rgb_array: shape (render_size, render_size, 3), uint8), or the window brought up to date (human)."""
+        """The picture, or the window brought up to date (human).
+
+        rgb_array: shape (render_size, render_size, 3), uint8.
+        """
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: pass render_mode='rgb_array' or 'human' to gym.make")
             return None

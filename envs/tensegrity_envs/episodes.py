@@ -86,7 +86,9 @@ def join(parts: list[Begun]) -> Begun:
         lambda *v: np.concatenate(v),
         *[(episode.goal, episode.solutions, state) for episode, (_, state) in zip(episodes, parts, strict=True)],
     )
-    return Episode(_merge_designs(lambda *v: np.concatenate(v), *[e.mechanism for e in episodes]), goal, solutions), state
+    return Episode(
+        _merge_designs(lambda *v: np.concatenate(v), *[e.mechanism for e in episodes]), goal, solutions
+    ), state
 
 
 def put(old: Begun, new: Begun, index: np.ndarray) -> Begun:

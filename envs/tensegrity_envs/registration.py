@@ -22,7 +22,9 @@ class Entry(NamedTuple):
 
 
 ENTRIES = (
-    Entry("tensegrity/TwoXReach-v0", "2-X manipulator, joint increments, stiffest feasible tensions", {"control": "joint"}),
+    Entry(
+        "tensegrity/TwoXReach-v0", "2-X manipulator, joint increments, stiffest feasible tensions", {"control": "joint"}
+    ),
     Entry("tensegrity/TwoXTensionReach-v0", "2-X manipulator, cable tension increments", {"control": "tension"}),
     Entry(
         "tensegrity/TwoXPayloadReach-v0",

@@ -1,8 +1,9 @@
 """Random numbers that are a function of (environment seed, episode, draw) alone.
 
-A counter-based generator, SplitMix64 [Steele, Lea, Flood 2014], evaluated for a whole batch at once: NumPy's own bit generators would have to be
-built anew for every environment and episode, which costs more than the episode's physics. Environment i of a vector seeded s draws exactly
-what a single environment seeded s + i draws, whatever the batch and whatever ran before.
+A counter-based generator, SplitMix64 [Steele, Lea, Flood 2014], evaluated for a whole batch at once: NumPy's own bit
+generators would have to be built anew for every environment and episode, which costs more than the episode's physics.
+Environment i of a vector seeded s draws exactly what a single environment seeded s + i draws, whatever the batch and
+whatever ran before.
 
 Training uses seeds below VALIDATION_SEED; tuning and the published tables use their own streams.
 """
@@ -20,7 +21,8 @@ _MIX2 = np.uint64(0x94D049BB133111EB)
 def _mix(z: np.ndarray) -> np.ndarray:
     z = (z ^ (z >> np.uint64(30))) * _MIX1
     z = (z ^ (z >> np.uint64(27))) * _MIX2
-    return z ^ (z >> np.uint64(31))
+    mixed: np.ndarray = z ^ (z >> np.uint64(31))
+    return mixed
 
 
 def uniform(seed: np.ndarray, episode: np.ndarray, draw: int) -> np.ndarray:

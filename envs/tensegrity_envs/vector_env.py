@@ -17,8 +17,9 @@ _REASONS = np.array(FAILURES, object)
 class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
     """`num_envs` reaching environments stepped as one batch, equal to single ones seeded seed + i, episode by episode.
 
-    SAME_STEP autoreset: the step in which an episode ends returns the first observation of the next one; the last observation and info
-    of the one that ended are in info["final_obs"] and info["final_info"], as Gymnasium's SyncVectorEnv puts them.
+    SAME_STEP autoreset: the step in which an episode ends returns the first observation of the next one; the last
+    observation and info of the one that ended are in info["final_obs"] and info["final_info"], as Gymnasium's
+    SyncVectorEnv puts them.
 
     Args:
         num_envs: number of environments.
@@ -32,7 +33,10 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
         self, num_envs: int = 1, max_episode_steps: int | None = 100, render_mode: str | None = None, **options: Any
     ) -> None:
         if render_mode is not None:
-            raise ValueError(f"render_mode = {render_mode!r}: the vector environment does not render; use gym.make(id, render_mode=...)")
+            raise ValueError(
+                f"render_mode = {render_mode!r}: "
+                "the vector environment does not render; use gym.make(id, render_mode=...)"
+            )
         if num_envs < 1:
             raise ValueError(f"num_envs = {num_envs}: must be at least 1")
         self.core = Core(**options)
@@ -77,7 +81,9 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
                 raise ValueError(f"reset option {key!r}: the only one is 'reset_mask'")
             mask = np.asarray(value)
             if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
-                raise ValueError(f"reset_mask: must be a boolean array of shape ({self.num_envs},) with at least one True")
+                raise ValueError(
+                    f"reset_mask: must be a boolean array of shape ({self.num_envs},) with at least one True"
+                )
         seeds = self._given_seeds(seed)
         if self._episode is None and not mask.all():
             raise ValueError("reset_mask: the first reset must begin all environments")
@@ -85,9 +91,10 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
             self._queue = EpisodeQueue(self.core, self.np_random.integers(2**31, size=self.num_envs), _AHEAD)
         for i in np.flatnonzero(mask):
             if seeds[i] is not None:
-                self._queue.restart(i, seeds[i])
+                self._queue.restart(int(i), seeds[i])
         self._begin(np.flatnonzero(mask))
-        return self._observation(self._episode, self._state), self._outcome(self._episode, self._state)[1]
+        episode = self._running()
+        return self._observation(episode, self._state), self._outcome(episode, self._state)[1]
 
     def _given_seeds(self, seed: int | list[int | None] | None) -> list[int | None]:
         if seed is None:
@@ -109,9 +116,13 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
         episode = self._running()
         array = np.asarray(actions, float)
         if array.shape != self.action_space.shape:
-            raise ValueError(f"actions of shape {array.shape}: must be {self.action_space.shape}, increments in [-1, 1]")
+            raise ValueError(
+                f"actions of shape {array.shape}: must be {self.action_space.shape}, increments in [-1, 1]"
+            )
         if not np.isfinite(array).all():
-            raise ValueError(f"actions: environment {int(np.argmin(np.isfinite(array).all(axis=1)))} got one that is not finite")
+            raise ValueError(
+                f"actions: environment {int(np.argmin(np.isfinite(array).all(axis=1)))} got one that is not finite"
+            )
         self._state = self.core.advance(episode, self._state, tuple(np.clip(array, -1.0, 1.0).T))
         self._steps += 1
         reward, info = self._outcome(episode, self._state)

@@ -11,12 +11,13 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-import tensegrity_envs
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from stable_baselines3 import SAC, HerReplayBuffer
 from stable_baselines3.common.vec_env import VecMonitor
+
+import tensegrity_envs
 from tensegrity_agents.config import ConfigError, Experiment, load_experiment
 from tensegrity_agents.controllers import BASELINES, make_controller
 from tensegrity_agents.evaluation.results import COLUMNS, write_csv
@@ -46,7 +47,10 @@ def trained(tmp_path_factory):
 
 
 def test_adapter_hands_on_what_ppo_needs():
-    """Terminal observations, time limits apart from failures, episode statistics; equal to the vector environment below."""
+    """Terminal observations, time limits apart from failures, episode statistics.
+
+    Equal to the vector environment below.
+    """
     envs = VecMonitor(VectorEnvAdapter(gym.make_vec(REACH, 16, vectorization_mode="vector_entry_point")))
     twin = gym.make_vec(REACH, 16, vectorization_mode="vector_entry_point")
     envs.seed(5)
@@ -64,7 +68,9 @@ def test_adapter_hands_on_what_ppo_needs():
         np.testing.assert_array_equal(done, terminated | truncated)
         for i in np.flatnonzero(done):
             assert infos[i]["TimeLimit.truncated"] == bool(truncated[i] and not terminated[i])
-            np.testing.assert_array_equal(infos[i]["terminal_observation"]["observation"], info["final_obs"][i]["observation"])
+            np.testing.assert_array_equal(
+                infos[i]["terminal_observation"]["observation"], info["final_obs"][i]["observation"]
+            )
             assert infos[i]["is_success"] == info["final_info"]["is_success"][i]
             assert infos[i]["episode"]["l"] == info["final_info"]["step"][i]
             seen.add(infos[i]["TimeLimit.truncated"])
@@ -86,7 +92,10 @@ def test_a_policy_survives_its_file(trained):
 
 def test_unusable_policy_files_are_explained(trained, tmp_path):
     _, folder = trained
-    weights, description = (folder / "policy.safetensors").read_bytes(), json.loads((folder / "policy.json").read_text())
+    weights, description = (
+        (folder / "policy.safetensors").read_bytes(),
+        json.loads((folder / "policy.json").read_text()),
+    )
 
     def attempt(data, text, match, env_id=None):
         (tmp_path / "policy.safetensors").write_bytes(data)
@@ -105,7 +114,9 @@ def test_unusable_policy_files_are_explained(trained, tmp_path):
     attempt(weights, json.dumps(description | {"env": "tensegrity/Nothing-v0"}), "do not fit")
     attempt(weights, good, "does not fit", "tensegrity/TwoXPayloadReach-v0")
     pickled = b"\x80\x04\x95\x10\x00\x00\x00\x00\x00\x00\x00\x8c\x02os\x94\x8c\x06system\x94\x93\x94."
-    attempt(pickled, json.dumps(description | {"sha256": hashlib.sha256(pickled).hexdigest()}), "not a safetensors file")
+    attempt(
+        pickled, json.dumps(description | {"sha256": hashlib.sha256(pickled).hexdigest()}), "not a safetensors file"
+    )
     (tmp_path / "policy.json").unlink()
     with pytest.raises(PolicyFileError, match=r"policy\.json"):
         load_policy(tmp_path)
@@ -129,13 +140,18 @@ def parameters(policy):
 
 
 def test_a_killed_training_goes_on_to_the_same_policy(trained, tmp_path):
-    """Killed with SIGKILL after its first checkpoint, started again: the same parameters as the uninterrupted one, bit for bit."""
+    """Killed with SIGKILL after its first checkpoint, started again.
+
+    The same parameters as the uninterrupted one, bit for bit.
+    """
     policy, _ = trained
     (tmp_path / "small.json").write_text(json.dumps(SMALL))
     code = (
         "import json, sys; from pathlib import Path; from tensegrity_agents.config import Experiment; "
         "from tensegrity_agents.sb3.training import train\n"
-        f"if __name__ == '__main__': train(Experiment(**json.loads(Path({str(tmp_path / 'small.json')!r}).read_text())), 3, Path({str(tmp_path / 'run')!r}))"
+        f"if __name__ == '__main__': "
+        f"train(Experiment(**json.loads(Path({str(tmp_path / 'small.json')!r}).read_text())), "
+        f"3, Path({str(tmp_path / 'run')!r}))"
     )
     process = subprocess.Popen([sys.executable, "-c", code])
     checkpoint = tmp_path / "run" / "checkpoint.pt"
@@ -179,7 +195,12 @@ def test_hindsight_relabels_with_the_dense_reward_too():
     env = gym.make(REACH)
     kwargs = {"n_sampled_goal": 4, "goal_selection_strategy": "future", "copy_info_dict": True}
     model = SAC(
-        "MultiInputPolicy", env, replay_buffer_class=HerReplayBuffer, replay_buffer_kwargs=kwargs, learning_starts=200, batch_size=64
+        "MultiInputPolicy",
+        env,
+        replay_buffer_class=HerReplayBuffer,
+        replay_buffer_kwargs=kwargs,
+        learning_starts=200,
+        batch_size=64,
     )
     model.learn(260)
     data = model.replay_buffer.sample(256)
@@ -233,7 +254,12 @@ def test_a_controller_of_ones_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = evaluate(make_controller("my_controllers:Still", REACH), REACH, 5, VALIDATION_SEED, "still")
     assert (run.columns["steps"] == 100).all()
-    for name, match in (("closed_form", "closed_form_ik"), ("my_controllers:Stil", "Still"), ("nothing:X", "nothing"), ("my_controllers:Broken", "predict")):
+    for name, match in (
+        ("closed_form", "closed_form_ik"),
+        ("my_controllers:Stil", "Still"),
+        ("nothing:X", "nothing"),
+        ("my_controllers:Broken", "predict"),
+    ):
         with pytest.raises(ValueError, match=match):
             make_controller(name, REACH)
 

@@ -5,10 +5,11 @@ import warnings
 import gymnasium as gym
 import numpy as np
 import pytest
-import tensegrity_envs
 from gymnasium.utils.env_checker import check_env
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+import tensegrity_envs
 
 IDS = tensegrity_envs.ENV_IDS
 COUNT = 6
@@ -147,8 +148,14 @@ def test_compute_functions_agree_with_step_on_batches(env_id, reward_type):
         ends.append(terminated)
         one = env.unwrapped.compute_reward(observation["achieved_goal"], observation["desired_goal"], info)
         assert one == pytest.approx(reward, abs=1e-9)
-        assert env.unwrapped.compute_terminated(observation["achieved_goal"], observation["desired_goal"], info) is terminated
-        assert env.unwrapped.compute_truncated(observation["achieved_goal"], observation["desired_goal"], info) is truncated
+        assert (
+            env.unwrapped.compute_terminated(observation["achieved_goal"], observation["desired_goal"], info)
+            is terminated
+        )
+        assert (
+            env.unwrapped.compute_truncated(observation["achieved_goal"], observation["desired_goal"], info)
+            is truncated
+        )
         if terminated:
             env.reset()
     assert any(ends)

@@ -5,8 +5,9 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-import tensegrity_envs  # noqa: F401
 from scipy import ndimage
+
+import tensegrity_envs  # noqa: F401
 from tensegrity_envs.mechanics import MURALIDHARAN2022, TwoX
 from tensegrity_envs.seeding import uniform
 from tensegrity_envs.tasks.sampling import Sampler
@@ -21,8 +22,10 @@ def test_joint_steps_are_at_most_a_tenth_of_a_radian_and_saturate_at_the_limits(
         q = info["configuration"]
         _, _, terminated, _, info = env.step([1.0, -1.0])
         if not terminated:
-            np.testing.assert_allclose(info["configuration"], np.clip(q + [0.1, -0.1], -2.6, 2.6), atol=1e-12)
-            np.testing.assert_allclose(info["tensions"], TwoX(env.design).stiffest_tensions(info["configuration"]), atol=1e-9)
+            np.testing.assert_allclose(info["configuration"], np.clip(q + np.array([0.1, -0.1]), -2.6, 2.6), atol=1e-12)
+            np.testing.assert_allclose(
+                info["tensions"], TwoX(env.design).stiffest_tensions(info["configuration"]), atol=1e-9
+            )
 
 
 def test_the_arm_is_in_stable_equilibrium_under_its_actual_tensions_after_every_step():
@@ -75,7 +78,10 @@ def test_a_buckling_arm_is_left_where_it_was_last_stable():
 
 
 def test_starts_and_targets_are_members_by_an_independent_check():
-    """Forces by linear algebra on node geometry, stability by finite differences of the energy, connection by flood fill."""
+    """Forces by linear algebra on node geometry, stability by finite differences of the energy.
+
+    Connection by flood fill.
+    """
     sampler = Sampler(replace(MURALIDHARAN2022, joint_limit=2.6), (0.0, 0.4))
     n = 150
     drawn = sampler.draw(np.arange(n), np.zeros(n, int))
@@ -90,7 +96,8 @@ def test_starts_and_targets_are_members_by_an_independent_check():
         axis = np.linspace(-2.6, 2.6, 401)
         pieces, _ = ndimage.label(arm.is_stable_wrench_feasible(tuple(np.meshgrid(axis, axis, indexing="ij"))))
         start, target = (
-            tuple(int(np.argmin(np.abs(axis - c[i]))) for c in q) for q in (drawn.configuration, drawn.target_configuration)
+            tuple(int(np.argmin(np.abs(axis - c[i]))) for c in q)
+            for q in (drawn.configuration, drawn.target_configuration)
         )
         assert pieces[start] == pieces[target] > 0
 
@@ -125,12 +132,17 @@ def _held_stably(arm, q):
 
     for i in (0, 1):
         for j in (0, 1):
-            h[i, j] = (energy(q + e[i] + e[j]) - energy(q + e[i] - e[j]) - energy(q - e[i] + e[j]) + energy(q - e[i] - e[j])) / 4e-8
+            h[i, j] = (
+                energy(q + e[i] + e[j]) - energy(q + e[i] - e[j]) - energy(q - e[i] + e[j]) + energy(q - e[i] - e[j])
+            ) / 4e-8
     return bool(np.linalg.eigvalsh(h)[0] > 0)
 
 
 def test_the_start_does_not_give_the_payload_away():
-    """Tensions and payload of the start are independent: no rank correlation in 3,000 episodes, and the same tensions for any payload."""
+    """Tensions and payload of the start are independent.
+
+    No rank correlation in 3,000 episodes, and the same tensions for any payload.
+    """
     sampler = Sampler(replace(MURALIDHARAN2022, joint_limit=2.6), (0.0, 0.4))
     n = 3000
     drawn = sampler.draw(np.arange(n), np.ones(n, int))
@@ -146,7 +158,9 @@ def test_payload_observation_hides_angles_margins_and_payload():
     design = env.unwrapped.design
     tip, tensions = observation["observation"][:2], observation["observation"][2:]
     np.testing.assert_allclose(tip * env.unwrapped.core.reach, observation["achieved_goal"], atol=1e-6)
-    np.testing.assert_allclose((tensions + 1) / 2 * (design.max_tension - design.min_tension) + 5, info["tensions"], atol=1e-4)
+    np.testing.assert_allclose(
+        (tensions + 1) / 2 * (design.max_tension - design.min_tension) + 5, info["tensions"], atol=1e-4
+    )
     assert design.payload == 0
     assert env.unwrapped.true_design.payload == info["payload"] > 0
 

@@ -16,8 +16,8 @@ def make_controller(name: str, env_id: str) -> Any:
     """A baseline by name, or a class of your own as "module:Class".
 
     Args:
-        name: one of BASELINES, or "module:Class"; the module is looked up on the path and in the working directory, the class is called without
-            arguments.
+        name: one of BASELINES, or "module:Class"; the module is looked up on the path and in the working directory, the
+            class is called without arguments.
         env_id: Gymnasium id of the environment that it will control.
 
     Raises:
@@ -37,8 +37,12 @@ def make_controller(name: str, env_id: str) -> Any:
         raise ValueError(f"controller {name!r}: module {module_name!r} cannot be imported ({error})") from error
     if not hasattr(module, class_name):
         classes = [key for key, value in vars(module).items() if isinstance(value, type)]
-        raise ValueError(f"controller {name!r}: {module_name} has no {class_name!r}; it has {', '.join(classes) or 'no classes'}")
+        raise ValueError(
+            f"controller {name!r}: {module_name} has no {class_name!r}; it has {', '.join(classes) or 'no classes'}"
+        )
     controller = getattr(module, class_name)()
     if not callable(getattr(controller, "predict", None)):
-        raise ValueError(f"controller {name!r}: it has no predict(observation, state, episode_start, deterministic) method")
+        raise ValueError(
+            f"controller {name!r}: it has no predict(observation, state, episode_start, deterministic) method"
+        )
     return controller

@@ -5,11 +5,11 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from tensegrity_envs.mechanics import TwoX, TwoXDesign
 
 from tensegrity_agents.controllers.planning import choose_solution, plan
 from tensegrity_agents.controllers.reading import Reading, configuration_from_tip, estimate_payload, read
 from tensegrity_agents.controllers.tracking import joint_action, tension_action
+from tensegrity_envs.mechanics import TwoX, TwoXDesign
 
 _ARRIVED = 1e-3  # [rad] from a way point to the next
 
@@ -66,8 +66,15 @@ class AnalyticController:
         memory = self._perceive(reading, state, fresh)
         if fresh.any():
             index = np.flatnonzero(fresh)
-            part = Reading(*(None if values is None else values[index] for values in reading))
-            for i, path in zip(index, self._paths(self._believed(memory, index), memory.commanded[index], part), strict=True):
+            part = Reading(
+                reading.tip[index],
+                reading.target[index],
+                reading.tensions[index],
+                None if reading.configuration is None else reading.configuration[index],
+            )
+            for i, path in zip(
+                index, self._paths(self._believed(memory, index), memory.commanded[index], part), strict=True
+            ):
                 memory.paths[i] = path
         return self._act(reading, memory)
 
@@ -88,7 +95,9 @@ class AnalyticController:
             q = np.where(fresh[:, None], q, configuration_from_tip(self.nominal, reading, memory.configuration))
         keep = ~fresh[:, None]
         return memory._replace(
-            configuration=q, commanded=np.where(keep, memory.commanded, begun), integral=np.where(keep, memory.integral, 0.0)
+            configuration=q,
+            commanded=np.where(keep, memory.commanded, begun),
+            integral=np.where(keep, memory.integral, 0.0),
         )
 
     def _believed(self, memory: Memory, index: np.ndarray | None = None) -> TwoX:
@@ -121,7 +130,9 @@ class AnalyticController:
 
 
 class ClosedFormIK(AnalyticController):
-    """All inverse solutions in closed form; the one whose straight joint path stays feasible and is shortest; then straight there.
+    """All inverse solutions in closed form.
+
+    It takes the one whose straight joint path stays feasible and is shortest; then straight there.
 
     In cable control, the stiffest tensions of the *nominal* arm along the path.
     """
@@ -130,10 +141,12 @@ class ClosedFormIK(AnalyticController):
 
 
 class PseudoInverse(AnalyticController):
-    """Resolved rate: joint steps from the damped pseudo-inverse of the Jacobian, with feedback and integral action on the tip error.
+    """Resolved rate: joint steps from the damped pseudo-inverse of the Jacobian.
 
-    In cable control the commanded configuration is moved by these steps, which is the integral action that makes up for an unknown load; the cables
-    take the stiffest tensions of the nominal arm there.
+    With feedback and integral action on the tip error.
+
+    In cable control the commanded configuration is moved by these steps, which is the integral action that makes up for
+    an unknown load; the cables take the stiffest tensions of the nominal arm there.
     """
 
     knows = "the nominal design; feedback of the tip error"
@@ -177,7 +190,9 @@ class Observer(AnalyticController):
         believed = super()._perceive(reading, memory, fresh)
         first = estimate_payload(self.nominal, reading, None)
         if memory is None:
-            return believed._replace(configuration=first.configuration, commanded=first.configuration, payload=first.payload)
+            return believed._replace(
+                configuration=first.configuration, commanded=first.configuration, payload=first.payload
+            )
         new = fresh[:, None]
         return believed._replace(
             configuration=np.where(new, first.configuration, believed.configuration),
@@ -192,7 +207,10 @@ class Observer(AnalyticController):
 
 
 class Oracle(Observer):
-    """Told the true payload; where no straight joint path is feasible, plans one around the gaps of the feasible set."""
+    """Told the true payload.
+
+    Where no straight joint path is feasible, plans one around the gaps of the feasible set.
+    """
 
     wants_privileged = True
     knows = "the true payload; plans paths inside the stable wrench-feasible set"
@@ -204,7 +222,9 @@ class Oracle(Observer):
             ValueError: the evaluation did not hand over the true design.
         """
         if privileged is None:
-            raise ValueError("Oracle: needs the privileged design (evaluate it through tensegrity_agents.evaluation.rollout)")
+            raise ValueError(
+                "Oracle: needs the privileged design (evaluate it through tensegrity_agents.evaluation.rollout)"
+            )
         super().begin_episodes(mask, design, privileged)
 
     def _perceive(self, reading: Reading, memory: Memory | None, fresh: np.ndarray) -> Memory:

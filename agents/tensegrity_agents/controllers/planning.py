@@ -1,11 +1,14 @@
-"""Joint paths inside the stable wrench-feasible joint space: straight where that is possible, around its gaps where it is not."""
+"""Joint paths inside the stable wrench-feasible joint space.
+
+Straight where that is possible, around its gaps where it is not.
+"""
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
-from tensegrity_envs.mechanics import TwoX
 
 from tensegrity_agents.controllers.reading import solutions
+from tensegrity_envs.mechanics import TwoX
 
 _SAMPLES = 41  # along a straight path
 _GRID = 81  # nodes along each angle
@@ -22,7 +25,8 @@ def margin(model: TwoX, q: np.ndarray) -> np.ndarray:
 def straight_clearance(model: TwoX, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Least margin along the straight joint paths from `start` to `end`, both (2, n); shape (n,)."""
     s = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
-    return margin(model, start[:, None] + s * (end - start)[:, None]).min(axis=0)
+    least: np.ndarray = margin(model, start[:, None] + s * (end - start)[:, None]).min(axis=0)
+    return least
 
 
 def choose_solution(model: TwoX, start: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -34,8 +38,8 @@ def choose_solution(model: TwoX, start: np.ndarray, target: np.ndarray) -> tuple
         target: positions (n, 2) [m].
 
     Returns:
-        The configurations (n, 2), and whether their straight path is feasible (n,). Where none is, the one whose path keeps the largest margin;
-        where the target is out of reach, the start.
+        The configurations (n, 2), and whether their straight path is feasible (n,). Where none is, the one whose path
+        keeps the largest margin; where the target is out of reach, the start.
     """
     table, missing = solutions(model, target)
     rank = np.full(missing.shape, -np.inf)
@@ -44,7 +48,9 @@ def choose_solution(model: TwoX, start: np.ndarray, target: np.ndarray) -> tuple
         clearance = straight_clearance(model, start.T, table[:, :, k])
         length = np.abs(table[:, :, k] - start.T).max(axis=0)
         feasible[:, k] = (clearance > 0) & ~missing[:, k]
-        rank[:, k] = np.where(missing[:, k], -np.inf, np.where(clearance > 0, 100.0 - length, np.minimum(clearance, 0.0)))
+        rank[:, k] = np.where(
+            missing[:, k], -np.inf, np.where(clearance > 0, 100.0 - length, np.minimum(clearance, 0.0))
+        )
     rows = np.arange(len(start))
     best = rank.argmax(axis=1)
     reached = ~missing[rows, best]
@@ -75,7 +81,11 @@ def plan(model: TwoX, start: np.ndarray, target: np.ndarray) -> list[np.ndarray]
     free = margin(model, grid) > _CLEARANCE
     number = np.arange(_GRID * _GRID).reshape(_GRID, _GRID)
     edges = [
-        (number[_part(di)][:, _part(dj)][both], number[_part(-di)][:, _part(-dj)][both], max(abs(di), abs(dj)) + 0.2 * (abs(di) + abs(dj)))
+        (
+            number[_part(di)][:, _part(dj)][both],
+            number[_part(-di)][:, _part(-dj)][both],
+            max(abs(di), abs(dj)) + 0.2 * (abs(di) + abs(dj)),
+        )
         for di, dj in ((1, 0), (0, 1), (1, 1), (1, -1))
         for both in [free[_part(di)][:, _part(dj)] & free[_part(-di)][:, _part(-dj)]]
     ]
@@ -89,7 +99,9 @@ def plan(model: TwoX, start: np.ndarray, target: np.ndarray) -> list[np.ndarray]
         close = np.argsort(np.abs(grid - q[:, None, None]).max(axis=0).ravel())[:60]
         close = close[free.ravel()[close]]
         nodes = grid.reshape(2, -1)[:, close]
-        return close[straight_clearance(model, np.repeat(q[:, None], len(close), 1), nodes) > 0] if len(close) else close
+        return (
+            close[straight_clearance(model, np.repeat(q[:, None], len(close), 1), nodes) > 0] if len(close) else close
+        )
 
     origins = entries(start)
     if not len(origins):

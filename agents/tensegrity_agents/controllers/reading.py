@@ -1,8 +1,12 @@
-"""What an analytic controller reads off the observation: positions, tensions and, where they can be seen or inferred, joint angles."""
+"""What an analytic controller reads off the observation.
+
+Positions, tensions and, where they can be seen or inferred, joint angles.
+"""
 
 from typing import Any, NamedTuple
 
 import numpy as np
+
 from tensegrity_envs.mechanics import TwoX
 
 
@@ -57,8 +61,8 @@ class Estimate(NamedTuple):
 def configuration_from_tip(model: TwoX, reading: Reading, near: np.ndarray | None) -> np.ndarray:
     """Joint angles of shape (n, 2): observed, or else from the tip by inverse kinematics.
 
-    Of several inverse solutions, the one closest to `near` (the last known configuration), or without it the one that is closest to equilibrium
-    under the measured tensions according to the model.
+    Of several inverse solutions, the one closest to `near` (the last known configuration), or without it the one that
+    is closest to equilibrium under the measured tensions according to the model.
     """
     if reading.configuration is not None:
         return reading.configuration
@@ -74,14 +78,16 @@ def configuration_from_tip(model: TwoX, reading: Reading, near: np.ndarray | Non
     found = table[:, rows, best].T
     if near is not None:  # close to a singularity rounding may leave the tip without an inverse solution
         found = np.where(np.isfinite(score[rows, best])[:, None], found, near)
-    return np.nan_to_num(found)
+    return np.asarray(np.nan_to_num(found))
 
 
 def estimate_payload(nominal: TwoX, reading: Reading, near: np.ndarray | None) -> Estimate:
-    """Configuration and payload from tip and tensions: the payload is hidden, but in a static task it can be identified.
+    """Configuration and payload from tip and tensions.
 
-    For each inverse solution of the tip the two equilibrium equations are linear in the payload; least squares gives it, and the solution whose
-    residual is smallest is the configuration.
+    The payload is hidden, but in a static task it can be identified.
+
+    For each inverse solution of the tip the two equilibrium equations are linear in the payload; least squares gives
+    it, and the solution whose residual is smallest is the configuration.
     """
     table, missing = solutions(nominal, reading.tip)
     if reading.configuration is not None:

@@ -1,6 +1,7 @@
 """Actions that move the arm along a joint path within the rates of the environment."""
 
 import numpy as np
+
 from tensegrity_envs.mechanics import TwoX
 from tensegrity_envs.simulation import JointControl, TensionControl
 
@@ -25,8 +26,9 @@ def tension_action(
         tensions: measured (n, 4) [N].
 
     Returns:
-        Actions (n, 4), and the configurations (n, 2) that they aim at: as far along the path as the rates allow. Where they allow nothing (the cables
-        are not yet at their stiffest), the tensions go straight there, along the line of equal moments, which does not move the arm.
+        Actions (n, 4), and the configurations (n, 2) that they aim at: as far along the path as the rates allow. Where
+        they allow nothing (the cables are not yet at their stiffest), the tensions go straight there, along the line of
+        equal moments, which does not move the arm.
     """
     gap = goal - commanded
     gap = gap / np.maximum(np.abs(gap).max(axis=1, keepdims=True) / JointControl.rate, 1.0)

@@ -1,4 +1,7 @@
-"""The main job: train agents, run them and the analytic controllers on the same held-out episodes, write everything down."""
+"""The main job: train agents, run them and the analytic controllers on the same held-out episodes.
+
+Everything is written down.
+"""
 
 import shutil
 from collections.abc import Callable
@@ -8,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from tensegrity_envs.seeding import TEST_SEED
 
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers import make_controller
@@ -16,6 +18,7 @@ from tensegrity_agents.evaluation.results import Run, write_csv
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.sb3.policy_file import TrainedPolicy, load_policy
 from tensegrity_agents.sb3.training import CURVE, read_curve, train
+from tensegrity_envs.seeding import TEST_SEED
 
 _KINDS = {"oracle": "oracle", "random": "random"}
 # progress(what is being done, done, of how many, remark)
@@ -44,7 +47,9 @@ def agent_name(experiment: Experiment) -> str:
     return f"{experiment.train.algorithm.upper()} agent"
 
 
-def train_agents(experiment: Experiment, folder: Path, progress: Progress, fresh: bool = False) -> dict[int, TrainedPolicy]:
+def train_agents(
+    experiment: Experiment, folder: Path, progress: Progress, fresh: bool = False
+) -> dict[int, TrainedPolicy]:
     """One agent for every seed, in folder/agent-<seed>; those already there are loaded, those begun are gone on with.
 
     Args:
@@ -61,9 +66,11 @@ def train_agents(experiment: Experiment, folder: Path, progress: Progress, fresh
         finished = _finished(home, experiment)
         if finished is None:
             what = f"training agent (seed {seed})"
-            finished = train(
-                experiment, seed, home, lambda done, total, success, what=what: progress(what, done, total, f"success {success:4.0%}")
-            )
+
+            def report(done: int, total: int, success: float, what: str = what) -> None:
+                progress(what, done, total, f"success {success:4.0%}")
+
+            finished = train(experiment, seed, home, report)
         agents[seed] = finished
     return agents
 
@@ -78,7 +85,9 @@ def _finished(home: Path, experiment: Experiment) -> TrainedPolicy | None:
 
 
 def compare(experiment: Experiment, folder: Path, progress: Progress, fresh: bool = False) -> Comparison:
-    """Train (or load) the agents, evaluate them and the controllers on the test episodes, write episodes.csv and config.yaml.
+    """Train (or load) the agents, evaluate them and the controllers on the test episodes.
+
+    Writes episodes.csv and config.yaml.
 
     Args:
         experiment: what to compare.

@@ -6,19 +6,20 @@ from typing import Any, Protocol
 
 import gymnasium as gym
 import numpy as np
-import tensegrity_envs  # noqa: F401  (registers the ids)
 
+import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.evaluation.results import Run
 
 
 class Controller(Protocol):
     """Whatever has Stable-Baselines3's `predict`; `begin_episodes` is optional.
 
-    Observations are the environment's Dict, batched: arrays of shape (n, ...). Actions: shape (n, action size), in [-1, 1].
+    Observations are the environment's Dict, batched: arrays of shape (n, ...). Actions: shape (n, action size),
+    in [-1, 1].
 
-    `begin_episodes(mask, design, privileged)`, where it is defined, is called before the first `predict` of new episodes with the mask of the
-    environments that begin one, the nominal design, and None; a controller whose class says `wants_privileged = True` (an oracle)
-    gets the true design of every environment instead of None.
+    `begin_episodes(mask, design, privileged)`, where it is defined, is called before the first `predict` of new
+    episodes with the mask of the environments that begin one, the nominal design, and None; a controller whose class
+    says `wants_privileged = True` (an oracle) gets the true design of every environment instead of None.
     """
 
     def predict(
@@ -63,8 +64,9 @@ def evaluate(
         record.add(info, np.zeros(count), np.ones(count, bool), initial=True)
         begin = getattr(controller, "begin_episodes", None)
         if begin is not None:
-            privileged = envs.unwrapped.true_design if getattr(controller, "wants_privileged", False) else None
-            begin(np.ones(count, bool), envs.unwrapped.design, privileged)
+            base: Any = envs.unwrapped
+            privileged = base.true_design if getattr(controller, "wants_privileged", False) else None
+            begin(np.ones(count, bool), base.design, privileged)
         state: Any = None
         start = np.ones(count, bool)
         alive = np.ones(count, bool)
@@ -85,9 +87,7 @@ def evaluate(
         parts.append(record)
     columns = {key: np.concatenate([part.columns()[key] for part in parts]) for key in parts[0].columns()}
     reasons = [reason for part in parts for reason in part.reasons]
-    return Run(
-        name, kind, columns, first_seed + np.arange(episodes), reasons, 1e6 * seconds / max(actions_given, 1)
-    )
+    return Run(name, kind, columns, first_seed + np.arange(episodes), reasons, 1e6 * seconds / max(actions_given, 1))
 
 
 def _last_info(info: dict[str, Any], ended: np.ndarray) -> dict[str, Any]:
@@ -121,7 +121,9 @@ class _Record:
         success = info["is_success"].astype(bool)
         self.success[alive] = success[alive]
         self.error[alive] = info["tip_error"][alive]
-        self.first[alive & success & np.isnan(self.first)] = (self.steps + (not initial))[alive & success & np.isnan(self.first)]
+        self.first[alive & success & np.isnan(self.first)] = (self.steps + (not initial))[
+            alive & success & np.isnan(self.first)
+        ]
         self.ever |= success & alive
         self.stability[alive] = np.minimum(self.stability, info["stability_margin"])[alive]
         self.wrench[alive] = np.minimum(self.wrench, info["wrench_margin"])[alive]

@@ -6,13 +6,13 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import tensegrity_envs  # noqa: F401  (registers the ids)
-from tensegrity_envs.seeding import TEST_SEED
 
+import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.evaluation.compare import Comparison, Progress
 from tensegrity_agents.reporting import figures, table, video
 from tensegrity_agents.reporting.report import collect_metadata, write_report
+from tensegrity_envs.seeding import TEST_SEED
 
 _PATHS = 12  # episodes whose joint paths are drawn
 _WORKSPACE_EPISODES = 300
@@ -55,7 +55,10 @@ def write_comparison(
     keep("steps", figures.success_over_steps(runs))
     paths = {name: _paths(controller, experiment, _PATHS)[0] for name, controller in shown.items()}
     keep("joint_space", figures.joint_space(design, paths, look))
-    keep("workspace", figures.workspace(design, _paths(comparison.controllers[agent], experiment, _WORKSPACE_EPISODES)[1], agent))
+    keep(
+        "workspace",
+        figures.workspace(design, _paths(comparison.controllers[agent], experiment, _WORKSPACE_EPISODES)[1], agent),
+    )
     first = next(iter(comparison.curves.values()))
     keep("learning_curve", figures.learning_curve(first))
     film = video.record(
@@ -94,7 +97,11 @@ def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np
     begin = getattr(controller, "begin_episodes", None)
     base: Any = envs.unwrapped
     if begin is not None:
-        begin(np.ones(count, bool), base.design, base.true_design if getattr(controller, "wants_privileged", False) else None)
+        begin(
+            np.ones(count, bool),
+            base.design,
+            base.true_design if getattr(controller, "wants_privileged", False) else None,
+        )
     start, target = observation["achieved_goal"].copy(), observation["desired_goal"].copy()
     joints, tips = [info["configuration"]], [start]
     length = np.zeros(count, int)
@@ -108,7 +115,11 @@ def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np
         last = info.get("final_info", info)
         q, tip, hit = info["configuration"].copy(), observation["achieved_goal"].copy(), info["is_success"].copy()
         for i in np.flatnonzero(begun):
-            q[i], tip[i], hit[i] = last["configuration"][i], info["final_obs"][i]["achieved_goal"], last["is_success"][i]
+            q[i], tip[i], hit[i] = (
+                last["configuration"][i],
+                info["final_obs"][i]["achieved_goal"],
+                last["is_success"][i],
+            )
         joints.append(q)
         tips.append(tip)
         length[alive] += 1

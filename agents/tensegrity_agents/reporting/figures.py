@@ -381,7 +381,7 @@ def workspace(design: TwoXDesign, episodes: Endings, title: str = "") -> Figure:
 
 
 @_styled
-def learning_curve(progress: Mapping[str, Sequence[float]]) -> Figure:
+def learning_curve(progress: Mapping[str, Sequence[float] | np.ndarray]) -> Figure:
     """Success and return of training episodes over the time spent.
 
     Args:

@@ -188,7 +188,11 @@ def steps_text(value: float) -> str:
 
 
 def print_table(rows: list[Row], console: Console) -> None:
-    """Print the rows as a table of at most 100 columns, agents and the best baseline highlighted and named as such."""
+    """Print the rows as a table of at most 100 columns, agents and the best baseline highlighted and named as such.
+
+    A console narrower than that gets the table without the shares of steps and the effort, which summary.md has.
+    """
+    narrow = console.width < 98
     episodes = max((row["episodes"] for row in rows), default=0)
     table = Table(
         box=box.SIMPLE_HEAD,
@@ -198,8 +202,8 @@ def print_table(rows: list[Row], console: Console) -> None:
         "unstable, infeasible: share of all steps.",
         caption_justify="left",
     )
-    table.add_column("controller", overflow="fold", max_width=22)
-    for header in (
+    table.add_column("controller", overflow="fold", max_width=22, min_width=15)
+    headers = (
         "success [%]\n95% interval",
         "ever\n[%]",
         "error [mm]\nmedian",
@@ -209,16 +213,17 @@ def print_table(rows: list[Row], console: Console) -> None:
         "infeas.\n[%]",
         "effort\n[-]",
         "µs per\naction",
-    ):
-        table.add_column(header, justify="right", no_wrap=True)
+    )
+    shown = [i for i in range(len(headers)) if not (narrow and i in (5, 6, 7))]
+    for i in shown:
+        table.add_column(Text(headers[i]), justify="right", no_wrap=True)
     best = best_baseline(rows)
     for row in rows:
         name = Text(row["controller"])
         remark = row["label"] or ("best baseline" if row is best else "")
         if remark:
             name.append(f"\n{remark}", style="not bold dim")
-        table.add_row(
-            name,
+        cells = (
             success_text(row),
             percent(row["success_ever"]),
             millimetres(row["error_median_mm"]),
@@ -228,8 +233,9 @@ def print_table(rows: list[Row], console: Console) -> None:
             percent(row["infeasible"]),
             plain(row["effort"]),
             microseconds(row["microseconds"]),
-            style="bold cyan" if row["kind"] == "agent" else "green" if row is best else "",
         )
+        style = "bold cyan" if row["kind"] == "agent" else "green" if row is best else ""
+        table.add_row(name, *(cells[i] for i in shown), style=style)
     console.print(table)
 
 

@@ -10,8 +10,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 class GoalErrorExtractor(BaseFeaturesExtractor):
     """Concatenates the observation, the goal, and tanh(error / scale) for several scales.
 
-    A target is hit within millimetres in a workspace of a metre; a network that sees only positions has to learn to subtract them to that
-    precision first.
+    A target is hit within millimetres in a workspace of a metre; a network that sees only positions has to learn to
+    subtract them to that precision first.
 
     Args:
         observation_space: Dict of observation, achieved_goal, desired_goal.

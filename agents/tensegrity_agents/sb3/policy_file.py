@@ -73,7 +73,9 @@ class TrainedPolicy:
         return self.policy.predict(self.normalization(observation), deterministic=deterministic)
 
 
-def policy_kwargs(algorithm: str, net_arch: list[int], activation: str, goal_error_scales: list[float]) -> dict[str, Any]:
+def policy_kwargs(
+    algorithm: str, net_arch: list[int], activation: str, goal_error_scales: list[float]
+) -> dict[str, Any]:
     """Arguments of the SB3 policy class, from what the JSON file records."""
     return {
         "net_arch": list(net_arch),
@@ -90,7 +92,8 @@ def save_policy(folder: Path, policy: BasePolicy, normalization: Normalization, 
         folder: is created.
         policy: of SB3.
         normalization: of its observations.
-        description: env, algorithm, net_arch, activation, goal_error_scales, and anything else worth keeping (seed, timesteps, config).
+        description: env, algorithm, net_arch, activation, goal_error_scales, and anything else worth keeping (seed,
+            timesteps, config).
     """
     folder.mkdir(parents=True, exist_ok=True)
     tensors = {key: value.detach().cpu().contiguous() for key, value in policy.state_dict().items()}
@@ -118,13 +121,17 @@ def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
         env_id: of the environment that it is wanted for, if that is to be checked.
 
     Raises:
-        PolicyFileError: a file is missing, foreign, truncated, or the two do not belong together or to this environment.
+        PolicyFileError: a file is missing, foreign, truncated, or the two do not belong together or to this
+            environment.
     """
     folder = folder.parent if folder.name in (WEIGHTS, DESCRIPTION) else folder
     weights, description_file = folder / WEIGHTS, folder / DESCRIPTION
     for file in (weights, description_file):
         if not file.is_file():
-            raise PolicyFileError(f"{folder}: no {file.name} in it; a policy is a folder with {WEIGHTS} and {DESCRIPTION}, as train.py writes it")
+            raise PolicyFileError(
+                f"{folder}: no {file.name} in it; "
+                f"a policy is a folder with {WEIGHTS} and {DESCRIPTION}, as train.py writes it"
+            )
     try:
         description = json.loads(description_file.read_text())
         wanted = description["env"], description["algorithm"], description["sha256"], description["format"]
@@ -132,20 +139,28 @@ def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
         clip, epsilon = (float(description["normalization"][key]) for key in ("clip", "epsilon"))
         shapes, action_size = description["observation_shapes"], description["action_size"]
     except (ValueError, KeyError, TypeError) as error:
-        raise PolicyFileError(f"{description_file}: not a description of a policy of this package ({error!r})") from error
+        raise PolicyFileError(
+            f"{description_file}: not a description of a policy of this package ({error!r})"
+        ) from error
     env, algorithm, digest, version = wanted
     if version != FORMAT or algorithm not in _POLICIES or settings[1] not in _ACTIVATIONS:
         raise PolicyFileError(
-            f"{description_file}: format {version!r}, algorithm {algorithm!r}, activation {settings[1]!r}; this package reads format {FORMAT}, "
-            f"{', '.join(_POLICIES)}, {', '.join(_ACTIVATIONS)}"
+            f"{description_file}: format {version!r}, algorithm {algorithm!r}, activation {settings[1]!r}; "
+            f"this package reads format {FORMAT}, {', '.join(_POLICIES)}, {', '.join(_ACTIVATIONS)}"
         )
     if env_id is not None and env != env_id:
         observation_space, action_space = _spaces(env_id)
-        if {k: list(s.shape or ()) for k, s in observation_space.spaces.items()} != shapes or action_space.shape != (action_size,):
-            raise PolicyFileError(f"{folder}: trained on {env} ({shapes}, {action_size} actions), which does not fit {env_id}")
+        if {k: list(s.shape or ()) for k, s in observation_space.spaces.items()} != shapes or action_space.shape != (
+            action_size,
+        ):
+            raise PolicyFileError(
+                f"{folder}: trained on {env} ({shapes}, {action_size} actions), which does not fit {env_id}"
+            )
     data = weights.read_bytes()
     if hashlib.sha256(data).hexdigest() != digest:
-        raise PolicyFileError(f"{weights}: truncated, or not the file that {DESCRIPTION} describes (its SHA-256 differs)")
+        raise PolicyFileError(
+            f"{weights}: truncated, or not the file that {DESCRIPTION} describes (its SHA-256 differs)"
+        )
     try:
         tensors = load_tensors(data)
     except SafetensorError as error:
@@ -153,10 +168,14 @@ def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
     try:
         mean, variance = (tensors.pop(_NORMALIZE + key).numpy() for key in ("mean", "variance"))
         observation_space, action_space = _spaces(env)
-        policy = _POLICIES[algorithm](observation_space, action_space, lambda _: 0.0, **policy_kwargs(algorithm, *settings))
+        policy = _POLICIES[algorithm](
+            observation_space, action_space, lambda _: 0.0, **policy_kwargs(algorithm, *settings)
+        )
         policy.load_state_dict(tensors)
     except (KeyError, RuntimeError, TypeError, ValueError, gym.error.Error) as error:
-        raise PolicyFileError(f"{weights}: its tensors do not fit the policy that {DESCRIPTION} describes ({error})") from error
+        raise PolicyFileError(
+            f"{weights}: its tensors do not fit the policy that {DESCRIPTION} describes ({error})"
+        ) from error
     if not all(np.isfinite(array).all() for array in (mean, variance)) or not all(
         bool(torch.isfinite(t).all()) for t in tensors.values()
     ):

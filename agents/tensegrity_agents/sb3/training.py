@@ -1,8 +1,9 @@
 """Training in segments: after each one everything that the next needs is on disk, and a killed run goes on from there.
 
-A segment begins with freshly reset environments and reseeded random numbers, both functions of (seed, segment) alone. For PPO a resumed run therefore repeats
-exactly what an uninterrupted one would have done (same machine, same number of threads). SAC and TQC also need their replay buffer, which is not
-kept: after a resume it fills anew before learning goes on, so their results differ from an uninterrupted run, though not in kind.
+A segment begins with freshly reset environments and reseeded random numbers, both functions of (seed, segment) alone.
+For PPO a resumed run therefore repeats exactly what an uninterrupted one would have done (same machine, same number of
+threads). SAC and TQC also need their replay buffer, which is not kept: after a resume it fills anew before learning
+goes on, so their results differ from an uninterrupted run, though not in kind.
 """
 
 import csv
@@ -40,7 +41,9 @@ class TrainingError(RuntimeError):
 class _Report(BaseCallback):
     """Hands progress on, and keeps the learning curve."""
 
-    def __init__(self, total: int, rows: list[list[float]], begun: float, progress: Progress | None, interval: float) -> None:
+    def __init__(
+        self, total: int, rows: list[list[float]], begun: float, progress: Progress | None, interval: float
+    ) -> None:
         super().__init__()
         self.total, self.rows, self.begun, self.progress, self.interval = total, rows, begun, progress, interval
         self._last = 0.0
@@ -166,7 +169,11 @@ def _model(experiment: Experiment, env: VecNormalize, seed: int) -> BaseAlgorith
     if o.her:
         her = {
             "replay_buffer_class": HerReplayBuffer,
-            "replay_buffer_kwargs": {"n_sampled_goal": o.n_sampled_goal, "goal_selection_strategy": "future", "copy_info_dict": True},
+            "replay_buffer_kwargs": {
+                "n_sampled_goal": o.n_sampled_goal,
+                "goal_selection_strategy": "future",
+                "copy_info_dict": True,
+            },
         }
     model: BaseAlgorithm = algorithm(
         "MultiInputPolicy",
@@ -200,7 +207,13 @@ def _reseed(model: BaseAlgorithm, env: VecNormalize, seed: int, segment: int) ->
 
 
 def _keep(
-    path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNormalize, seconds: float, segment: int, rows: list[list[float]]
+    path: Path,
+    described: dict[str, Any],
+    model: BaseAlgorithm,
+    env: VecNormalize,
+    seconds: float,
+    segment: int,
+    rows: list[list[float]],
 ) -> None:
     """Write the checkpoint, whole or not at all."""
     assert isinstance(env.obs_rms, dict)
@@ -209,7 +222,11 @@ def _keep(
         "described": described,
         "parameters": model.get_parameters(),
         "entropy": getattr(model, "log_ent_coef", None),
-        "normalization": {"mean": torch.from_numpy(rms.mean), "var": torch.from_numpy(rms.var), "count": float(rms.count)},
+        "normalization": {
+            "mean": torch.from_numpy(rms.mean),
+            "var": torch.from_numpy(rms.var),
+            "count": float(rms.count),
+        },
         "num_timesteps": model.num_timesteps,
         "updates": getattr(model, "_n_updates", 0),
         "seconds": seconds,
@@ -233,7 +250,8 @@ def _restore(
     if before != described:
         changed = [key for key in described if before.get(key) != described[key]]
         raise TrainingError(
-            f"{path} was written with other settings ({', '.join(changed)} differ): train into another folder, or delete it to start anew"
+            f"{path} was written with other settings ({', '.join(changed)} differ): "
+            f"train into another folder, or delete it to start anew"
         )
     model.set_parameters(content["parameters"], exact_match=True)
     if content["entropy"] is not None:

@@ -11,9 +11,9 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnv
 class VectorEnvAdapter(VecEnv):
     """Steps the whole batch with one call; SB3's own wrappers (VecMonitor, VecNormalize) go around it.
 
-    The last observation of an episode is in info["terminal_observation"], and info["TimeLimit.truncated"] says that it ended by the time limit
-    alone, so that SB3 bootstraps from its value. Other entries of `info` are handed on only in the step in which an episode ends: a list
-    of full dicts for every step would cost more than the physics.
+    The last observation of an episode is in info["terminal_observation"], and info["TimeLimit.truncated"] says that it
+    ended by the time limit alone, so that SB3 bootstraps from its value. Other entries of `info` are handed on only in
+    the step in which an episode ends: a list of full dicts for every step would cost more than the physics.
 
     Raises:
         ValueError: the environment does not reset in the same step.
@@ -28,7 +28,7 @@ class VectorEnvAdapter(VecEnv):
 
     def reset(self) -> Any:
         """Begin new episodes everywhere, with the seeds given to `seed` if there were any."""
-        seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
+        seeds: Any = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         observation, _ = self.envs.reset(seed=seeds)
         self._reset_seeds()
         self._reset_options()

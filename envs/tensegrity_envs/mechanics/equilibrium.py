@@ -129,8 +129,8 @@ def follow(path: PathStatics, q: Components, resolution: float = _RESOLUTION) ->
         resolution: length of the shortest sub-step, as a fraction of the path.
 
     Returns:
-        The coordinates, and the fraction of the path that was covered: 1, or less (by a few times the resolution at most)
-        than where stability ended.
+        The coordinates, and the fraction of the path that was covered: 1, or less (by a few times the resolution at
+        most) than where stability ended.
     """
     everything = np.arange(len(q[0])) if is_batch(*q) else 0
     q1, failed, size, _ = _newton(_at(path, 1.0, None), q, _volume(path, q, 0.0, everything))

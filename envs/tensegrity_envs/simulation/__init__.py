@@ -1,4 +1,7 @@
-"""How actions move a mechanism: quasi-statically, from equilibrium to equilibrium (MuJoCo's dynamics will stand beside it)."""
+"""How actions move a mechanism: quasi-statically, from equilibrium to equilibrium.
+
+MuJoCo's dynamics will stand beside it.
+"""
 
 from tensegrity_envs.simulation.protocol import FAILURES, Simulation, State
 from tensegrity_envs.simulation.quasi_static import JointControl, TensionControl

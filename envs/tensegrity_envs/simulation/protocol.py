@@ -2,10 +2,7 @@
 
 from typing import Any, NamedTuple, Protocol
 
-import numpy as np
-
 from tensegrity_envs.mechanics.namespace import Component, Components
-from tensegrity_envs.seeding import EpisodeStream
 
 RUNNING, UNSTABLE, WRENCH_INFEASIBLE, BUCKLED, JOINT_LIMIT = range(5)
 # Why an episode was terminated; `State.failure` indexes it.
@@ -39,10 +36,17 @@ class Simulation(Protocol):
     rate: float  # what an action component of 1 adds in one step
     rate_unit: str
 
-    def start(self, mechanism: Any, stream: EpisodeStream, nominal: Any, sample: Any) -> tuple[State, np.ndarray]:
-        """Draw a start for every episode: (states, whether the draw is acceptable)."""
+    def at(self, mechanism: Any, q: Components, *args: Any, **kwargs: Any) -> State:
+        """The state of rest in configuration q, under the inputs that follow where q alone does not fix them."""
+        ...
+
+    def start(self, mechanism: Any, q: Components) -> State:
+        """The state of an arm that begins in configuration q."""
         ...
 
     def advance(self, mechanism: Any, state: State, action: Components) -> State:
-        """The state one step later. Inputs saturate at their bounds; a state that leaves the feasible set is a failure."""
+        """The state one step later.
+
+        Inputs saturate at their bounds; a state that leaves the feasible set is a failure.
+        """
         ...

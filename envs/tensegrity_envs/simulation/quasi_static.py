@@ -17,8 +17,8 @@ def _clip(xp: Any, value: Component, low: float, high: float) -> Component:
 class JointControl:
     """Actions are joint increments; the cables take the stiffest feasible tensions.
 
-    The commanded angles saturate at the joint limits. A command outside the stable wrench-feasible joint space is a failure, and the arm
-    stays where it was.
+    The commanded angles saturate at the joint limits. A command outside the stable wrench-feasible joint space is a
+    failure, and the arm stays where it was.
     """
 
     action_size = 2
@@ -41,7 +41,8 @@ class JointControl:
         limit = mechanism.design.joint_limit
         xp = namespace_of(*state.configuration)
         q = tuple(
-            _clip(xp, angle + self.rate * a, -limit, limit) for angle, a in zip(state.configuration, action, strict=True)
+            _clip(xp, angle + self.rate * a, -limit, limit)
+            for angle, a in zip(state.configuration, action, strict=True)
         )
         new = self.at(mechanism, q)
         return _keep_where_failed(xp, new, state)
@@ -50,8 +51,8 @@ class JointControl:
 class TensionControl:
     """Actions are tension increments; the arm follows its stable equilibrium by continuation.
 
-    Tensions saturate at their bounds. Loss of stability on the way is a failure ("buckled"), and so is a joint beyond its limit; the arm is
-    then left in the last stable state.
+    Tensions saturate at their bounds. Loss of stability on the way is a failure ("buckled"), and so is a joint beyond
+    its limit; the arm is then left in the last stable state.
     """
 
     action_size = 4
@@ -76,7 +77,8 @@ class TensionControl:
         xp = namespace_of(*state.configuration)
         old = state.inputs
         new = tuple(
-            _clip(xp, f + self.rate * a, design.min_tension, design.max_tension) for f, a in zip(old, action, strict=True)
+            _clip(xp, f + self.rate * a, design.min_tension, design.max_tension)
+            for f, a in zip(old, action, strict=True)
         )
 
         def path(u: Components, t: Component, index: Any) -> Any:

@@ -1,7 +1,8 @@
 """Reach: bring the tip to a target and hold it there, staying stable and wrench-feasible.
 
-The reward is a sum of terms, each between 0 and its weight, so that nothing still to come is ever negative: an episode that ends early because
-stability or wrench feasibility was lost gives up everything that it could still have collected, and failing early never pays.
+The reward is a sum of terms, each between 0 and its weight, so that nothing still to come is ever negative: an episode
+that ends early because stability or wrench feasibility was lost gives up everything that it could still have collected,
+and failing early never pays.
 """
 
 from dataclasses import dataclass, fields
@@ -19,10 +20,12 @@ class RewardWeights:
     """Weights of the dense reward's terms, each zero or positive; a term scores between 0 and 1 before it is weighted.
 
     Attributes:
-        distance: 1 / (1 + sqrt(tip error / tolerance)): 1 at the target, 1/2 at one tolerance from it, 1/11 at a hundred.
-        potential: 1 in the nearest feasible configuration that puts the tip on the target, falling linearly with the joint distance to it. The
-            reachable set has a hole and two sheets, so that walking straight towards the target runs into its boundary; this term knows the way
-            round. It uses inverse solutions that the agent does not see.
+        distance: 1 / (1 + sqrt(tip error / tolerance)): 1 at the target, 1/2 at one tolerance from it, 1/11 at a
+            hundred.
+        potential: 1 in the nearest feasible configuration that puts the tip on the target, falling linearly with the
+            joint distance to it. The reachable set has a hole and two sheets, so that walking straight towards the
+            target runs into its boundary; this term knows the way round. It uses inverse solutions that the agent does
+            not see.
         success: 1 while the tip is within tolerance.
         effort: 1 without tension, 0 with every cable at its maximum.
         stability: rises with the stability margin, up to 1 at 0.2.
@@ -44,7 +47,8 @@ class RewardWeights:
         """
         for field in fields(self):
             value = getattr(self, field.name)
-            if not (np.isscalar(value) and np.isfinite(value) and value >= 0):  # type: ignore[type-var]
+            scalar = np.isscalar(value)
+            if not (scalar and np.isfinite(value) and value >= 0):
                 raise ValueError(f"reward weight {field.name} = {value!r}: must be a finite number, zero or positive")
 
 
@@ -67,7 +71,7 @@ class Reach:
     joint_span: float
     tolerance: float = 0.005
     reward_type: str = "dense"
-    weights: RewardWeights = RewardWeights()  # noqa: RUF009  (frozen)
+    weights: RewardWeights = RewardWeights()
 
     def __post_init__(self) -> None:
         """Validate.
@@ -100,7 +104,8 @@ class Reach:
             xp: namespace of the components.
             error: distance of the tip from the target [m].
             state: after the step.
-            solutions: configurations that solve the episode, at least one; None leaves the potential out (sparse reward).
+            solutions: configurations that solve the episode, at least one; None leaves the potential out (sparse
+                reward).
         """
         running = xp.where(state.failure == RUNNING, 1.0, 0.0)
         success = xp.where(error <= self.tolerance, running, 0.0)
@@ -119,7 +124,9 @@ class Reach:
             "potential": w.potential * running * xp.maximum(1.0 - gap / self.joint_span, 0.0),
             "success": w.success * success,
             "effort": w.effort * running * (1.0 - self.effort(state)),
-            "stability": w.stability * running * xp.minimum(xp.maximum(state.stability_margin / _FULL_MARGIN, 0.0), 1.0),
+            "stability": w.stability
+            * running
+            * xp.minimum(xp.maximum(state.stability_margin / _FULL_MARGIN, 0.0), 1.0),
             "wrench": w.wrench * running * xp.minimum(xp.maximum(state.wrench_margin / _FULL_MARGIN, 0.0), 1.0),
         }
 
@@ -136,8 +143,8 @@ def feasible_solutions(
         known: one solution of each target, if there is one [rad].
 
     Returns:
-        As many configurations as any target has, components of shape (n,); targets with fewer repeat theirs. A target that has none gets the
-        known one, or else infinity.
+        As many configurations as any target has, components of shape (n,); targets with fewer repeat theirs. A target
+        that has none gets the known one, or else infinity.
     """
     table = np.stack(mechanism.inverse_kinematics_batch(x, y))
     row, column = np.nonzero(np.isfinite(table[0]))

@@ -1,4 +1,7 @@
-"""Episodes that can be solved: start and target in one connected piece of the stable wrench-feasible joint space (SWFJ)."""
+"""Episodes that can be solved: start and target in one connected piece of the feasible set.
+
+That is the stable wrench-feasible joint space (SWFJ).
+"""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -37,10 +40,11 @@ class Drawn(NamedTuple):
 class Sampler:
     """Draws episodes, each a function of (seed, episode) alone.
 
-    Configurations are uniform over the part of the SWFJ, within the joint limits, where both margins are at least 0.01; the target lies in the
-    connected piece that the start is in. With a hidden payload the start gives nothing away: its tensions are the stiffest ones of a configuration
-    of the *nominal* arm, and such a start counts only if the arm stays in equilibrium under every payload that could be drawn, so tensions
-    and payload are independent. The start is then where the arm comes to rest under the payload that was drawn.
+    Configurations are uniform over the part of the SWFJ, within the joint limits, where both margins are at least 0.01;
+    the target lies in the connected piece that the start is in. With a hidden payload the start gives nothing away: its
+    tensions are the stiffest ones of a configuration of the *nominal* arm, and such a start counts only if the arm
+    stays in equilibrium under every payload that could be drawn, so tensions and payload are independent. The start is
+    then where the arm comes to rest under the payload that was drawn.
 
     Raises:
         ValueError: the SWFJ of the design is empty.
@@ -60,8 +64,8 @@ class Sampler:
         )
         if not self._pieces.any(axis=(1, 2)).all():
             raise ValueError(
-                f"the stable wrench-feasible joint space is empty within |alpha| <= {design.joint_limit} rad for {design} "
-                f"with a payload of up to {high} kg: raise max_tension, lower payload or bar_density"
+                f"the stable wrench-feasible joint space is empty within |alpha| <= {design.joint_limit} rad "
+                f"for {design} with a payload of up to {high} kg: raise max_tension, lower payload or bar_density"
             )
 
     def _piece(self, payload: np.ndarray, q: Components) -> np.ndarray:
@@ -144,7 +148,10 @@ def _inside(mechanism: TwoX, q: Components) -> np.ndarray:
 def _add_payload(
     nominal: TwoX, q: Components, tensions: Components, before: np.ndarray, after: np.ndarray
 ) -> tuple[Components, np.ndarray]:
-    """Where arms at rest in q come to rest when their payload changes slowly, and whether they stayed stable on the way."""
+    """Where arms at rest in q come to rest when their payload changes slowly.
+
+    And whether they stayed stable on the way.
+    """
     if not len(before):
         return q, np.zeros(0, bool)
     weight = nominal.design.gravity
