@@ -37,9 +37,8 @@ class Speed(NamedTuple):
 
 
 def single(rounds: int = 5, steps: int = 2000, progress: Callable[[str], None] = print) -> list[Speed]:
-    """Single environments through `gym.make`, uniform random actions, resets included.
-
-    Each speed is the median over interleaved rounds.
+    """Single environments through `gym.make`, uniform random actions, resets included; median over interleaved
+    rounds.
     """
     ids = (REFERENCE, *tensegrity_envs.ENV_IDS)
     goals = {"tensegrity/TwoXReach-v0": 1.5, "tensegrity/TwoXTensionReach-v0": 1.0}
@@ -75,9 +74,8 @@ def single(rounds: int = 5, steps: int = 2000, progress: Callable[[str], None] =
 
 
 def vector(count: int = 1024, steps: int = 310, progress: Callable[[str], None] = print) -> list[Speed]:
-    """Vector environments of `count`, uniform random actions.
-
-    At least 300 steps: resets and synchronized time limits included.
+    """Vector environments of `count`, uniform random actions, at least 300 steps: resets and synchronized time limits
+    included.
     """
     goals = {"tensegrity/TwoXReach-v0": 80.0, "tensegrity/TwoXTensionReach-v0": 30.0}
     lines: list[Speed] = []
@@ -106,9 +104,9 @@ def shares(env_id: str, count: int = 1024, steps: int = 100) -> dict[str, float]
     rng = np.random.default_rng(0)
     profile = cProfile.Profile()
     for _ in range(steps):
-        action = rng.uniform(-1, 1, envs.action_space.shape).astype(np.float32)  # type: ignore[arg-type]
+        action = rng.uniform(-1, 1, envs.action_space.shape).astype(np.float32)
         profile.runcall(envs.step, action)
-    stats: dict[Any, Any] = pstats.Stats(profile).stats
+    stats: dict[Any, Any] = pstats.Stats(profile).stats  # type: ignore[attr-defined]
     spent = {name: 0.0 for name in _PARTS.values()}
     for (file, _, function), (_, _, _, cumulative, _) in stats.items():
         if function in _PARTS and "tensegrity_envs" in file and "simulation" not in file:
@@ -119,9 +117,8 @@ def shares(env_id: str, count: int = 1024, steps: int = 100) -> dict[str, float]
 
 
 def ppo(experiment: Experiment, timesteps: int = 120_000, progress: Callable[[str], None] = print) -> list[Speed]:
-    """Frames per second of PPO, learning included.
-
-    Ours as configured, Reacher-v5 with SB3's defaults in the better of 8 and 64 environments.
+    """Frames per second of PPO, learning included: ours as configured, Reacher-v5 with SB3's defaults in the better of
+    8 and 64 environments.
     """
     rates: dict[str, float] = {}
     for count, n_steps in ((8, 2048), (64, 256)):

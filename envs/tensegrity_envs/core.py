@@ -178,9 +178,8 @@ def information(
 
 
 def total_reward(terms: dict[str, Component]) -> Component:
-    """The sum of the terms to nine decimals.
-
-    So float, batch and relabelled computations give the same number to the last bit.
+    """The sum of the terms to nine decimals, so that float, batch and relabelled computations give the same number
+    to the last bit.
     """
     total: Component = sum(terms.values())
     return np.round(total, 9) if isinstance(total, np.ndarray) else round(total, 9)

@@ -179,9 +179,8 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         )
 
     def render(self) -> Any:
-        """The picture, or the window brought up to date (human).
-
-        rgb_array: shape (render_size, render_size, 3), uint8.
+        """The picture (rgb_array: shape (render_size, render_size, 3), uint8), or the window brought up to date
+        (human).
         """
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: pass render_mode='rgb_array' or 'human' to gym.make")

@@ -47,9 +47,8 @@ def trained(tmp_path_factory):
 
 
 def test_adapter_hands_on_what_ppo_needs():
-    """Terminal observations, time limits apart from failures, episode statistics.
-
-    Equal to the vector environment below.
+    """Terminal observations, time limits apart from failures, episode statistics; equal to the vector environment
+    below.
     """
     envs = VecMonitor(VectorEnvAdapter(gym.make_vec(REACH, 16, vectorization_mode="vector_entry_point")))
     twin = gym.make_vec(REACH, 16, vectorization_mode="vector_entry_point")
@@ -140,9 +139,8 @@ def parameters(policy):
 
 
 def test_a_killed_training_goes_on_to_the_same_policy(trained, tmp_path):
-    """Killed with SIGKILL after its first checkpoint, started again.
-
-    The same parameters as the uninterrupted one, bit for bit.
+    """Killed with SIGKILL after its first checkpoint, started again: the same parameters as the uninterrupted one,
+    bit for bit.
     """
     policy, _ = trained
     (tmp_path / "small.json").write_text(json.dumps(SMALL))

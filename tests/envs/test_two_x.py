@@ -78,9 +78,8 @@ def test_a_buckling_arm_is_left_where_it_was_last_stable():
 
 
 def test_starts_and_targets_are_members_by_an_independent_check():
-    """Forces by linear algebra on node geometry, stability by finite differences of the energy.
-
-    Connection by flood fill.
+    """Forces by linear algebra on node geometry, stability by finite differences of the energy, connection by flood
+    fill.
     """
     sampler = Sampler(replace(MURALIDHARAN2022, joint_limit=2.6), (0.0, 0.4))
     n = 150
@@ -139,9 +138,8 @@ def _held_stably(arm, q):
 
 
 def test_the_start_does_not_give_the_payload_away():
-    """Tensions and payload of the start are independent.
-
-    No rank correlation in 3,000 episodes, and the same tensions for any payload.
+    """Tensions and payload of the start are independent: no rank correlation in 3,000 episodes, and the same
+    tensions for any payload.
     """
     sampler = Sampler(replace(MURALIDHARAN2022, joint_limit=2.6), (0.0, 0.4))
     n = 3000

@@ -130,9 +130,8 @@ class AnalyticController:
 
 
 class ClosedFormIK(AnalyticController):
-    """All inverse solutions in closed form.
-
-    It takes the one whose straight joint path stays feasible and is shortest; then straight there.
+    """All inverse solutions in closed form; the one whose straight joint path stays feasible and is shortest; then
+    straight there.
 
     In cable control, the stiffest tensions of the *nominal* arm along the path.
     """
@@ -141,9 +140,8 @@ class ClosedFormIK(AnalyticController):
 
 
 class PseudoInverse(AnalyticController):
-    """Resolved rate: joint steps from the damped pseudo-inverse of the Jacobian.
-
-    With feedback and integral action on the tip error.
+    """Resolved rate: joint steps from the damped pseudo-inverse of the Jacobian, with feedback and integral action
+    on the tip error.
 
     In cable control the commanded configuration is moved by these steps, which is the integral action that makes up for
     an unknown load; the cables take the stiffest tensions of the nominal arm there.
@@ -207,9 +205,8 @@ class Observer(AnalyticController):
 
 
 class Oracle(Observer):
-    """Told the true payload.
-
-    Where no straight joint path is feasible, plans one around the gaps of the feasible set.
+    """Told the true payload; where no straight joint path is feasible, plans one around the gaps of the feasible
+    set.
     """
 
     wants_privileged = True

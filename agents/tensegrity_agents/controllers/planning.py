@@ -1,6 +1,5 @@
-"""Joint paths inside the stable wrench-feasible joint space.
-
-Straight where that is possible, around its gaps where it is not.
+"""Joint paths inside the stable wrench-feasible joint space: straight where that is possible, around its gaps where
+it is not.
 """
 
 import numpy as np

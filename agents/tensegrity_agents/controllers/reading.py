@@ -1,6 +1,5 @@
-"""What an analytic controller reads off the observation.
-
-Positions, tensions and, where they can be seen or inferred, joint angles.
+"""What an analytic controller reads off the observation: positions, tensions and, where they can be seen or
+inferred, joint angles.
 """
 
 from typing import Any, NamedTuple
@@ -82,9 +81,8 @@ def configuration_from_tip(model: TwoX, reading: Reading, near: np.ndarray | Non
 
 
 def estimate_payload(nominal: TwoX, reading: Reading, near: np.ndarray | None) -> Estimate:
-    """Configuration and payload from tip and tensions.
-
-    The payload is hidden, but in a static task it can be identified.
+    """Configuration and payload from tip and tensions: the payload is hidden, but in a static task it can be
+    identified.
 
     For each inverse solution of the tip the two equilibrium equations are linear in the payload; least squares gives
     it, and the solution whose residual is smallest is the configuration.

@@ -1,6 +1,5 @@
-"""The main job: train agents, run them and the analytic controllers on the same held-out episodes.
-
-Everything is written down.
+"""The main job: train agents, run them and the analytic controllers on the same held-out episodes, write everything
+down.
 """
 
 import shutil
@@ -85,9 +84,8 @@ def _finished(home: Path, experiment: Experiment) -> TrainedPolicy | None:
 
 
 def compare(experiment: Experiment, folder: Path, progress: Progress, fresh: bool = False) -> Comparison:
-    """Train (or load) the agents, evaluate them and the controllers on the test episodes.
-
-    Writes episodes.csv and config.yaml.
+    """Train (or load) the agents, evaluate them and the controllers on the test episodes, write episodes.csv and
+    config.yaml.
 
     Args:
         experiment: what to compare.

@@ -227,12 +227,14 @@ class TwoX:
     def tip(self, q: Sequence[Component]) -> tuple[Component, Component]:
         """Tip position (x, y) [m], [Muralidharan2022, Eq. 1]."""
         xp = self._xp(*q)
-        a1, a2 = q
-        j1, j2 = self._joint(xp, a1), self._joint(xp, a2)
-        middle, end, a = a1 + a2 / 2, a1 + a2, self.design.a
+        return self._tip(self._joint(xp, q[0]), self._joint(xp, q[1]))
+
+    def _tip(self, j1: _Joint, j2: _Joint) -> tuple[Component, Component]:
+        a = self.design.a
+        sin_a1, cos_a1, s12, c12, end_s, end_c = _directions(j1, j2)
         return (
-            -(j1.r * j1.s + a * xp.sin(a1) + j2.r * xp.sin(middle) + a * xp.sin(end)),
-            j1.r * j1.c + a * xp.cos(a1) + j2.r * xp.cos(middle) + a * xp.cos(end),
+            -(j1.r * j1.s + a * (sin_a1 + end_s) + j2.r * s12),
+            j1.r * j1.c + a * (cos_a1 + end_c) + j2.r * c12,
         )
 
     def jacobian(self, q: Sequence[Component]) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
@@ -342,9 +344,8 @@ class TwoX:
         s1, c1, r1, dr1, ddr1 = j1
         s2, c2, r2, dr2, ddr2 = j2
         a = self.design.a
-        sin_a1, cos_a1, sin_a2, cos_a2 = 2 * s1 * c1, c1 * c1 - s1 * s1, 2 * s2 * c2, c2 * c2 - s2 * s2
-        s12, c12 = sin_a1 * c2 + cos_a1 * s2, cos_a1 * c2 - sin_a1 * s2
-        end_s, end_c = sin_a1 * cos_a2 + cos_a1 * sin_a2, cos_a1 * cos_a2 - sin_a1 * sin_a2
+        sin_a1, cos_a1, s12, c12, end_s, end_c = _directions(j1, j2)
+        sin_a2, cos_a2 = 2 * s2 * c2, c2 * c2 - s2 * s2
         # Each of the four vectors of the chain contributes p = fx sin(phi) + w cos(phi) times its length; d = dp/dphi.
         if load is _NO_LOAD:
             h1, h2 = a * self._h1, a * self._h2
@@ -450,13 +451,13 @@ class TwoX:
         return self.statics(q, tensions, load)[1]
 
     def _stiffest(
-        self, q: Sequence[Component], load: Sequence[Component]
-    ) -> tuple[Components, tuple[Component, Component, Component]]:
-        xp = self._xp(*q, *load)
-        j1, j2 = self._joint(xp, q[0]), self._joint(xp, q[1])
+        self, xp: Any, j1: _Joint, j2: _Joint, load: Sequence[Component]
+    ) -> tuple[Components, Component, Component]:
+        """Stiffest tensions, stability margin and wrench margin."""
         g1, g2, h11, h12, h22 = self._passive(xp, j1, j2, load)
         b, top = self.design.b, self.design.max_tension
         tensions: list[Component] = []
+        others: list[Component] = []
         diagonal: list[Component] = []
         for joint, g, h in ((j1, g1, h11), (j2, g2, h22)):
             # Equilibrium of a joint: F_left * left - F_right * right = moment, where moment = 2 r g / (b cos(alpha/2)).
@@ -465,14 +466,20 @@ class TwoX:
             shorter = self._excess / longer
             left = xp.where(joint.s > 0, shorter, longer)
             right = xp.where(joint.s > 0, longer, shorter)
-            other_right = (top * left - moment) / right  # with F_left at the maximum
-            other_left = (top * right + moment) / left  # with F_right at the maximum
+            # Whichever cable is not at the maximum follows from equilibrium.
+            other_right = (top * left - moment) / right
+            other_left = (top * right + moment) / left
             is_left_max = other_right <= top
             f_left = xp.where(is_left_max, top, other_left)
             f_right = xp.where(is_left_max, other_right, top)
             tensions += [f_left, f_right]
+            others.append(xp.where(is_left_max, other_right, other_left))
             diagonal.append(h + (f_left + f_right) * joint.ddr - (f_right - f_left) * b * joint.s / 4)
-        return tuple(tensions), (diagonal[0], h12, diagonal[1])
+        return (
+            tuple(tensions),
+            smallest_eigenvalue(diagonal[0], h12, diagonal[1], xp) / self.stiffness_scale,
+            (xp.minimum(others[0], others[1]) - self.design.min_tension) / top,
+        )
 
     def stiffest_tensions(self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD) -> Components:
         """The tensions (left 1, right 1, left 2, right 2) [N] of greatest stiffness that hold q in equilibrium.
@@ -481,20 +488,20 @@ class TwoX:
         equilibrium and is not clipped: below min_tension it says that q is not wrench-feasible. Close to the flat
         poses, where a cable has no moment arm, it grows without bound.
         """
-        return self._stiffest(q, load)[0]
+        return self.posture(q, load)[0]
 
     def posture(
         self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD
     ) -> tuple[Components, Component, Component]:
         """Stiffest tensions, stability margin and wrench margin of q in one evaluation."""
-        tensions, (h11, h12, h22) = self._stiffest(q, load)
-        xp = self._xp(h11)
-        lowest = xp.minimum(xp.minimum(tensions[0], tensions[1]), xp.minimum(tensions[2], tensions[3]))
-        return (
-            tensions,
-            smallest_eigenvalue(h11, h12, h22, xp) / self.stiffness_scale,
-            (lowest - self.design.min_tension) / self.design.max_tension,
-        )
+        xp = self._xp(*q, *load)
+        return self._stiffest(xp, self._joint(xp, q[0]), self._joint(xp, q[1]), load)
+
+    def posture_and_tip(self, q: Sequence[Component]) -> tuple[Components, Component, Component, Components]:
+        """`posture` and `tip` of q in one evaluation."""
+        xp = self._xp(*q)
+        j1, j2 = self._joint(xp, q[0]), self._joint(xp, q[1])
+        return (*self._stiffest(xp, j1, j2, _NO_LOAD), self._tip(j1, j2))
 
     def wrench_margin(
         self, q: Sequence[Component], tensions: Sequence[Component] | None = None, load: Sequence[Component] = _NO_LOAD
@@ -740,6 +747,13 @@ class TwoX:
         dx = x + joint.r * joint.s + self.design.a * sin
         dy = y - joint.r * joint.c - self.design.a * cos
         return cos * dx + sin * dy, cos * dy - sin * dx, dx * dx + dy * dy
+
+
+def _directions(j1: _Joint, j2: _Joint) -> tuple[Component, ...]:
+    """Sine and cosine of the orientations of offset 1, of joint 2's middle line and of offset 2."""
+    sin_a1, cos_a1 = 2 * j1.s * j1.c, j1.c * j1.c - j1.s * j1.s
+    s12, c12 = sin_a1 * j2.c + cos_a1 * j2.s, cos_a1 * j2.c - sin_a1 * j2.s
+    return sin_a1, cos_a1, s12, c12, s12 * j2.c + c12 * j2.s, c12 * j2.c - s12 * j2.s
 
 
 def smallest_eigenvalue(h11: Component, h12: Component, h22: Component, xp: Any) -> Component:

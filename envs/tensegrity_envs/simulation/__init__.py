@@ -1,6 +1,5 @@
-"""How actions move a mechanism: quasi-statically, from equilibrium to equilibrium.
-
-MuJoCo's dynamics will stand beside it.
+"""How actions move a mechanism: quasi-statically, from equilibrium to equilibrium (MuJoCo's dynamics will stand
+beside it).
 """
 
 from tensegrity_envs.simulation.protocol import FAILURES, Simulation, State

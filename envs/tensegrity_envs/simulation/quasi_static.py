@@ -27,10 +27,10 @@ class JointControl:
 
     def at(self, mechanism: TwoX, q: Components) -> State:
         """The state of rest in configuration q, with the stiffest tensions."""
-        tensions, stability, wrench = mechanism.posture(q)
+        tensions, stability, wrench, tip = mechanism.posture_and_tip(q)
         xp = namespace_of(stability)
         failure = xp.where(wrench < 0, WRENCH_INFEASIBLE, xp.where(stability <= 0, UNSTABLE, RUNNING))
-        return State(q, tensions, mechanism.tip(q), stability, wrench, failure)
+        return State(q, tensions, tip, stability, wrench, failure)
 
     def start(self, mechanism: TwoX, q: Components) -> State:
         """The state of an arm that begins in configuration q."""

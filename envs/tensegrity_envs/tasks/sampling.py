@@ -1,6 +1,5 @@
-"""Episodes that can be solved: start and target in one connected piece of the feasible set.
-
-That is the stable wrench-feasible joint space (SWFJ).
+"""Episodes that can be solved: start and target in one connected piece of the stable wrench-feasible joint space
+(SWFJ).
 """
 
 from dataclasses import replace
@@ -148,9 +147,8 @@ def _inside(mechanism: TwoX, q: Components) -> np.ndarray:
 def _add_payload(
     nominal: TwoX, q: Components, tensions: Components, before: np.ndarray, after: np.ndarray
 ) -> tuple[Components, np.ndarray]:
-    """Where arms at rest in q come to rest when their payload changes slowly.
-
-    And whether they stayed stable on the way.
+    """Where arms at rest in q come to rest when their payload changes slowly, and whether they stayed stable on the
+    way.
     """
     if not len(before):
         return q, np.zeros(0, bool)
