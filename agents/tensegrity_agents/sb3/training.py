@@ -103,6 +103,8 @@ def train(
         segment += 1
         _write_curve(folder / CURVE, rows)
         _keep(checkpoint, described, model, env, time.monotonic() - begun, segment, rows)
+    if progress is not None:
+        progress(total, total, rows[-1][2] if rows else float("nan"))
     normalization = Normalization.of(env)
     description = {
         "env": experiment.env,
