@@ -70,20 +70,19 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
 
         Args:
             seed: environment i gets seed + i; or a list of one seed (or None) for each.
-            options: {"reset_mask": boolean array of shape (num_envs,)}.
+            options: {"reset_mask": boolean array of shape (num_envs,)}; {"stagger": True} spreads the time limits of these
+                first episodes evenly, so that a learner never sees all environments in the same phase of an episode.
 
         Raises:
             ValueError: a seed list or mask of the wrong length, an unknown option.
         """
-        mask = self._all
-        for key, value in (options or {}).items():
-            if key != "reset_mask":
-                raise ValueError(f"reset option {key!r}: the only one is 'reset_mask'")
-            mask = np.asarray(value)
-            if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
-                raise ValueError(
-                    f"reset_mask: must be a boolean array of shape ({self.num_envs},) with at least one True"
-                )
+        given = dict(options or {})
+        stagger = bool(given.pop("stagger", False))
+        mask = np.asarray(given.pop("reset_mask", self._all))
+        if given:
+            raise ValueError(f"reset options {list(given)}: there are 'reset_mask' and 'stagger'")
+        if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
+            raise ValueError(f"reset_mask: must be a boolean array of shape ({self.num_envs},) with at least one True")
         seeds = self._given_seeds(seed)
         if self._episode is None and not mask.all():
             raise ValueError("reset_mask: the first reset must begin all environments")
@@ -93,6 +92,8 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
             if seeds[i] is not None:
                 self._queue.restart(int(i), seeds[i])
         self._begin(np.flatnonzero(mask))
+        if stagger and self.max_episode_steps is not None:
+            self._steps[mask] = (np.arange(self.num_envs) * self.max_episode_steps // self.num_envs)[mask]
         episode = self._running()
         return self._observation(episode, self._state), self._outcome(episode, self._state)[1]
 

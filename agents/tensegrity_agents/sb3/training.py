@@ -138,7 +138,7 @@ def _environment(experiment: Experiment) -> VecNormalize:
         envs = gym.make_vec(
             experiment.env, settings.ppo.num_envs, vectorization_mode="vector_entry_point", **settings.env_options
         )
-        inner: Any = VectorEnvAdapter(envs)
+        inner: Any = VectorEnvAdapter(envs, stagger=True)
     else:
         inner = DummyVecEnv([lambda: gym.make(experiment.env, **settings.env_options)])
     return VecNormalize(VecMonitor(inner), norm_obs_keys=["observation"], norm_reward=False)

@@ -15,21 +15,26 @@ class VectorEnvAdapter(VecEnv):
     ended by the time limit alone, so that SB3 bootstraps from its value. Other entries of `info` are handed on only in
     the step in which an episode ends: a list of full dicts for every step would cost more than the physics.
 
+    Args:
+        envs: the vector environment.
+        stagger: spread the time limits of the first episodes evenly (see the environment's `reset`).
+
     Raises:
         ValueError: the environment does not reset in the same step.
     """
 
-    def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
+    def __init__(self, envs: VectorEnv[Any, Any, Any], stagger: bool = False) -> None:
         if envs.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
             raise ValueError(f"{envs}: must have metadata['autoreset_mode'] = AutoresetMode.SAME_STEP")
         self.envs = envs
+        self._stagger = stagger
         self._actions: np.ndarray
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
     def reset(self) -> Any:
         """Begin new episodes everywhere, with the seeds given to `seed` if there were any."""
         seeds: Any = None if all(seed is None for seed in self._seeds) else list(self._seeds)
-        observation, _ = self.envs.reset(seed=seeds)
+        observation, _ = self.envs.reset(seed=seeds, options={"stagger": True} if self._stagger else None)
         self._reset_seeds()
         self._reset_options()
         return observation
