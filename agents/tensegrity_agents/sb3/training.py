@@ -248,12 +248,12 @@ def _restore(
         content = torch.load(path, weights_only=True)
         before = content["described"]
     except Exception as error:
-        raise TrainingError(f"{path} cannot be read as a checkpoint ({error}); delete it to start anew") from error
+        raise TrainingError(f"{path} cannot be read as a checkpoint ({error}); delete it (or use --fresh) to start anew") from error
     if before != described:
         changed = [key for key in described if before.get(key) != described[key]]
         raise TrainingError(
             f"{path} was written with other settings ({', '.join(changed)} differ): "
-            f"train into another folder, or delete it to start anew"
+            f"train into another folder, or delete it (or use --fresh) to start anew"
         )
     model.set_parameters(content["parameters"], exact_match=True)
     if content["entropy"] is not None:
