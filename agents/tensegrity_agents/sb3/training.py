@@ -248,7 +248,9 @@ def _restore(
         content = torch.load(path, weights_only=True)
         before = content["described"]
     except Exception as error:
-        raise TrainingError(f"{path} cannot be read as a checkpoint ({error}); delete it (or use --fresh) to start anew") from error
+        raise TrainingError(
+            f"{path} cannot be read as a checkpoint ({error}); delete it (or use --fresh) to start anew"
+        ) from error
     if before != described:
         changed = [key for key in described if before.get(key) != described[key]]
         raise TrainingError(
