@@ -70,8 +70,9 @@ class TwoXReachVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray
 
         Args:
             seed: environment i gets seed + i; or a list of one seed (or None) for each.
-            options: {"reset_mask": boolean array of shape (num_envs,)}; {"stagger": True} spreads the time limits of these
-                first episodes evenly, so that a learner never sees all environments in the same phase of an episode.
+            options: {"reset_mask": boolean array of shape (num_envs,)}; {"stagger": True} spreads the time limits of
+                these first episodes evenly, so that a learner never sees all environments in the same phase of an
+                episode.
 
         Raises:
             ValueError: a seed list or mask of the wrong length, an unknown option.
