@@ -343,3 +343,14 @@ def test_rendering(env_id):
     assert before.dtype == np.uint8
     assert (before != after).any()
     env.close()
+
+
+@every_id
+def test_staggered_episodes_reach_their_time_limit_one_after_another(env_id):
+    envs = make_vec(env_id, 10)
+    plain, _ = envs.reset(seed=0)
+    staggered, _ = envs.reset(seed=0, options={"stagger": True})
+    np.testing.assert_array_equal(plain["desired_goal"], staggered["desired_goal"])
+    still = np.zeros(envs.action_space.shape)
+    limits = np.array([envs.step(still)[3] for _ in range(100)])
+    np.testing.assert_array_equal(limits.argmax(axis=0), 99 - 10 * np.arange(10))
