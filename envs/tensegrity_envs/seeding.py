@@ -51,6 +51,10 @@ class EpisodeStream:
         self._next += 1
         return low + (high - low) * uniform(self._seed, self._episode, self._next - 1)
 
+    def skip(self, draws: int) -> None:
+        """Leave out the next numbers, which streams made by `at` have used."""
+        self._next += draws
+
     def at(self, index: np.ndarray) -> "EpisodeStream":
         """The same streams for the episodes at `index`, from the next draw on."""
         return EpisodeStream(self._seed[index], self._episode[index], self._next)

@@ -186,7 +186,9 @@ class Observer(AnalyticController):
     def _perceive(self, reading: Reading, memory: Memory | None, fresh: np.ndarray) -> Memory:
         assert self.nominal is not None
         believed = super()._perceive(reading, memory, fresh)
-        first = estimate_payload(self.nominal, reading, None)
+        if not fresh.any():  # the payload is constant within an episode
+            return believed
+        first = estimate_payload(self.nominal, reading)
         if memory is None:
             return believed._replace(
                 configuration=first.configuration, commanded=first.configuration, payload=first.payload

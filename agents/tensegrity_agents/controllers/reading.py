@@ -67,7 +67,7 @@ def configuration_from_tip(model: TwoX, reading: Reading, near: np.ndarray | Non
         return reading.configuration
     table, missing = solutions(model, reading.tip)
     if near is not None:
-        score = np.abs(table - near[None, :, None]).max(axis=0) if near.ndim == 1 else _gap(table, near)
+        score = np.abs(table - near.T[:, :, None]).max(axis=0)
     else:
         gradient = model_columns(model, table, reading.tensions)
         score = np.hypot(*gradient)
@@ -80,7 +80,7 @@ def configuration_from_tip(model: TwoX, reading: Reading, near: np.ndarray | Non
     return np.asarray(np.nan_to_num(found))
 
 
-def estimate_payload(nominal: TwoX, reading: Reading, near: np.ndarray | None) -> Estimate:
+def estimate_payload(nominal: TwoX, reading: Reading) -> Estimate:
     """Configuration and payload from tip and tensions: the payload is hidden, but in a static task it can be
     identified.
 
@@ -95,8 +95,6 @@ def estimate_payload(nominal: TwoX, reading: Reading, near: np.ndarray | None) -
     extra = -(balance * lever).sum(axis=0) / np.maximum((lever * lever).sum(axis=0), 1e-12)
     extra = np.maximum(extra, -nominal.design.payload)
     residual = np.hypot(*(balance + extra * lever))
-    if near is not None:
-        residual = residual + 0.1 * _gap(table, near)
     residual = np.where(missing, np.inf, residual)
     best = np.argmin(residual, axis=1)
     rows = np.arange(len(best))
@@ -114,7 +112,3 @@ def model_columns(model: TwoX, table: np.ndarray, tensions: np.ndarray) -> tuple
     """Energy gradient [N m] at a table (2, n, m) of configurations under tensions of shape (n, 4)."""
     first, second = model.energy_gradient(tuple(table), tuple(tensions.T[:, :, None]))
     return np.broadcast_to(first, table.shape[1:]), np.broadcast_to(second, table.shape[1:])
-
-
-def _gap(table: np.ndarray, near: np.ndarray) -> np.ndarray:
-    return np.asarray(np.abs(table - near.T[:, :, None]).max(axis=0))

@@ -89,7 +89,7 @@ class Sampler:
         for _ in range(_MAX_ATTEMPTS):
             here = stream.at(pending)
             q, forces, good = self._try_start(here, payload[pending])
-            stream.uniform(), stream.uniform()
+            stream.skip(2)
             start[:, pending[good]] = np.stack(q)[:, good]
             tensions[:, pending[good]] = np.stack(forces)[:, good]
             pending = pending[~good]
@@ -103,7 +103,7 @@ class Sampler:
         pending = np.arange(n)
         for _ in range(_MAX_ATTEMPTS):
             q = self._uniform(stream.at(pending))
-            stream.uniform(), stream.uniform()
+            stream.skip(2)
             good = _inside(mechanism.take(pending), q) & (self._piece(payload[pending], q) == piece[pending])
             target[:, pending[good]] = np.stack(q)[:, good]
             pending = pending[~good]
