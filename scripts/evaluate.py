@@ -9,6 +9,7 @@ import tensegrity_envs
 from tensegrity_agents.config import ConfigError
 from tensegrity_agents.console import clear_errors, console, progress_bar
 from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.evaluation.compare import KINDS
 from tensegrity_agents.evaluation.results import write_csv
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.reporting.table import print_table, summary_rows
@@ -43,7 +44,7 @@ def main(
             raise ConfigError(f"--split {split}: must be test or validation")
         if not controller and not policy:
             controller = ["closed_form_ik"]
-        candidates = [(name, make_controller(name, env_id), "baseline") for name in controller or []]
+        candidates = [(name, make_controller(name, env_id), KINDS.get(name, "baseline")) for name in controller or []]
         candidates += [(str(path), load_policy(path, env_id), "agent") for path in policy or []]
         runs = []
         with progress_bar() as progress:

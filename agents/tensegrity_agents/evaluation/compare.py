@@ -19,7 +19,7 @@ from tensegrity_agents.sb3.policy_file import TrainedPolicy, load_policy
 from tensegrity_agents.sb3.training import CURVE, read_curve, train
 from tensegrity_envs.seeding import TEST_SEED
 
-_KINDS = {"oracle": "oracle", "random": "random"}
+KINDS = {"oracle": "oracle", "random": "random"}
 # progress(what is being done, done, of how many, remark)
 Progress = Callable[[str, int, int, str], None]
 
@@ -106,7 +106,7 @@ def compare(experiment: Experiment, folder: Path, progress: Progress, fresh: boo
         runs.append(run)
         write_csv(runs, folder / "episodes.csv")
     for key, controller in baselines.items():
-        runs.append(_evaluate(experiment, controller, key, _KINDS.get(key, "baseline"), progress))
+        runs.append(_evaluate(experiment, controller, key, KINDS.get(key, "baseline"), progress))
         write_csv(runs, folder / "episodes.csv")
     curves = {seed: read_curve(folder / f"agent-{seed}" / CURVE) for seed in agents}
     return Comparison(runs, agents, {name: next(iter(agents.values()))} | baselines, curves)
