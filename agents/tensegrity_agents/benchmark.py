@@ -4,6 +4,7 @@ import cProfile
 import pstats
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -17,7 +18,12 @@ from tensegrity_agents.sb3.features import GoalErrorExtractor
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
 REFERENCE = "Reacher-v5"
-_PARTS = {"advance": "physics", "begin": "new episodes", "observation": "observations", "_outcome": "reward and info"}
+_PARTS = {
+    ("core", "step"): "physics and reward",
+    ("episodes", "pop"): "new episodes",
+    ("vector_env", "_observation"): "observations",
+    ("vector_env", "_info"): "info",
+}
 
 
 class Speed(NamedTuple):
@@ -109,8 +115,9 @@ def shares(env_id: str, count: int = 1024, steps: int = 100) -> dict[str, float]
     stats: dict[Any, Any] = pstats.Stats(profile).stats  # type: ignore[attr-defined]
     spent = {name: 0.0 for name in _PARTS.values()}
     for (file, _, function), (_, _, _, cumulative, _) in stats.items():
-        if function in _PARTS and "tensegrity_envs" in file and "simulation" not in file:
-            spent[_PARTS[function]] += cumulative
+        part = _PARTS.get((Path(file).stem, function))
+        if part is not None and "tensegrity_envs" in file:
+            spent[part] += cumulative
     total = next(c for (f, _, name), (_, _, _, c, _) in stats.items() if name == "step" and "vector_env" in f)
     spent["everything else"] = total - sum(spent.values())
     return {name: value / total for name, value in spent.items()}

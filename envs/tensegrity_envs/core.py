@@ -1,230 +1,284 @@
-"""An environment as pure functions on components: mechanism x simulation x task.
+"""An environment as pure functions on components: mechanism x simulation x task, compiled.
 
-The single and the vector shell run this one code.
-
-Components are floats in the single environment and arrays of shape (n,) in the vector environment.
+A batch of n environments is two matrices: the running episodes (what stays the same) and their states, one column for
+each environment. A step makes a matrix of outcomes (state, observation, reward, info). The single shell holds matrices
+of one column, the vector shell of n; both run the same machine code.
 """
 
-from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from abc import ABC, abstractmethod
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
-from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
-from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Simulation, State
-from tensegrity_envs.simulation.quasi_static import JointControl, TensionControl
-from tensegrity_envs.tasks.reach import Reach, RewardWeights, feasible_solutions
-from tensegrity_envs.tasks.sampling import Sampler
-
-JOINT_LIMIT = 2.6  # [rad] shared with the MuJoCo variants, where a loop could flip beyond it
-CONTROLS: dict[str, type[JointControl] | type[TensionControl]] = {"joint": JointControl, "tension": TensionControl}
+from tensegrity_envs.mechanics.compiling import Kernel
+from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
+from tensegrity_envs.mechanics.structure import Layout, is_row
+from tensegrity_envs.rendering import Scene
+from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Episode, Simulation, State
+from tensegrity_envs.tasks.reach import Reach
 
 
-def environment_design(design: TwoXDesign = MURALIDHARAN2022) -> TwoXDesign:
-    """The design as the environments use it: joint limits of at most 2.6 rad."""
-    return replace(design, joint_limit=min(design.joint_limit, JOINT_LIMIT))
-
-
-class Episode(NamedTuple):
-    """What stays the same during an episode.
+class Drawn(NamedTuple):
+    """A batch of n episodes that begin; components of shape (n,).
 
     Attributes:
-        mechanism: with its true parameters.
-        goal: target position (x, y) [m], as float32 numbers.
-        solutions: feasible configurations that put the tip there, for the reward.
+        episode: what stays the same.
+        configuration: at the start [rad].
+        inputs: at the start, or None for the usual ones.
     """
 
-    mechanism: TwoX
-    goal: Components
-    solutions: tuple[Components, ...] | None
+    episode: Episode
+    configuration: Components
+    inputs: Components | None
 
 
-class Core:
-    """The 2-X reaching environments.
+class Outcome(NamedTuple):
+    """All there is to tell about a step.
 
-    Args:
-        design: of the arm that controllers are told about; joint limits beyond 2.6 rad are narrowed to that.
-        control: "joint" (two increments of at most 0.1 rad) or "tension" (four of at most 15 N).
-        payload_range: if given, every episode draws an unknown payload from it [kg], uniformly.
-        observe: "full", or "tip_and_tensions" (no joint angles, no margins).
-        reward_type: "dense" or "sparse".
-        reward_weights: of the dense reward, by name; those left out keep their default.
-        tolerance: success within this distance [m].
-
-    Raises:
-        ValueError: an argument is out of range; the message names it.
-        TypeError: `design` is not a design.
+    Attributes:
+        state: after the step.
+        observation: components of the "observation" entry, each within [-1, 1].
+        achieved: tip position as a float32 number [m].
+        reward: of the step, a float32 number.
+        info: by name, numbers or vectors.
     """
 
-    def __init__(
-        self,
-        design: TwoXDesign = MURALIDHARAN2022,
-        control: Literal["joint", "tension"] = "joint",
-        payload_range: tuple[float, float] | None = None,
-        observe: Literal["full", "tip_and_tensions"] = "full",
-        reward_type: Literal["dense", "sparse"] = "dense",
-        reward_weights: dict[str, float] | RewardWeights | None = None,
-        tolerance: float = 0.005,
-    ) -> None:
-        if not isinstance(design, TwoXDesign):
-            raise TypeError(
-                f"design = {design!r}: must be a TwoXDesign, such as tensegrity_envs.mechanics.MURALIDHARAN2022"
-            )
-        if control not in CONTROLS:
-            raise ValueError(f"control = {control!r}: must be one of {', '.join(map(repr, CONTROLS))}")
-        if observe not in ("full", "tip_and_tensions"):
-            raise ValueError(f"observe = {observe!r}: must be 'full' or 'tip_and_tensions'")
-        if payload_range is not None and control != "tension":
-            raise ValueError(
-                "payload_range: needs control = 'tension' (in joint control the cables would give the payload away)"
-            )
-        self.design = environment_design(design)
-        self.nominal = TwoX(self.design)
-        self.simulation: Simulation = CONTROLS[control]()
-        self.payload_range = payload_range
-        self.observe_all = observe == "full"
-        self.task = Reach(
-            max_tension=float(self.design.max_tension),
-            joint_span=2 * self.design.joint_limit,
-            tolerance=tolerance,
-            reward_type=reward_type,
-            weights=_weights(reward_weights),
-        )
-        self.sampler = Sampler(self.design, payload_range)
-        self.reach = float(self.nominal.reach)
-        size = 2 + 4 + (4 + 2 if self.observe_all else 0)
-        box = spaces.Box(-1.0, 1.0, (size,), np.float32)
-        goal = spaces.Box(-self.reach, self.reach, (2,), np.float32)
+    state: State
+    observation: Components
+    achieved: Components
+    reward: Component
+    info: dict[str, Any]
+
+
+class InfoEntry(NamedTuple):
+    """Where an entry of `info` stands in a matrix of outcomes: in row `first`, or from there to `end`."""
+
+    name: str
+    first: int
+    end: int | None
+    kind: str
+
+
+class Core(ABC):
+    """What the shells run. A subclass brings a mechanism, the way it is driven and drawn, and what is seen of it.
+
+    Attributes:
+        design: nominal, which controllers are told.
+        nominal: the mechanism of that design.
+        simulation: how actions move it.
+        task: what is wanted.
+        reach: an upper bound of the tip's distance from the base [m].
+        input_name: of the inputs, in `info`.
+        control: how it is driven, for controllers.
+    """
+
+    design: Any
+    nominal: Any
+    simulation: Simulation
+    task: Reach
+    reach: float
+    input_name: str
+    control: str
+    observation_space: spaces.Dict
+    action_space: spaces.Box
+
+    @abstractmethod
+    def mechanism(self, design: Any) -> Any:
+        """The mechanism of a design."""
+
+    @abstractmethod
+    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
+        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
+
+    @abstractmethod
+    def observation(self, state: State) -> list[Component]:
+        """Components of the "observation" entry, each within [-1, 1]."""
+
+    @abstractmethod
+    def hidden(self, episode: Episode) -> dict[str, Any]:
+        """Entries of `info` that tell the hidden parameters of the episode."""
+
+    @abstractmethod
+    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
+        """The episode whose hidden parameters `info` tells, with the target at (x, y), arrays of shape (n,)."""
+
+    @abstractmethod
+    def scene(self, episode: Episode, state: State) -> dict[str, Any]:
+        """Arguments of `rendering.Scene` that depend on the mechanism."""
+
+    def set_spaces(self, observation_size: int, goal_size: int = 2) -> None:
+        """Define the spaces."""
+        box = spaces.Box(-1.0, 1.0, (observation_size,), np.float32)
+        goal = spaces.Box(-self.reach, self.reach, (goal_size,), np.float32)
         self.observation_space = spaces.Dict({"observation": box, "achieved_goal": goal, "desired_goal": goal})
         self.action_space = spaces.Box(-1.0, 1.0, (self.simulation.action_size,), np.float32)
 
-    def begin(self, seed: np.ndarray, episode: np.ndarray) -> tuple[Episode, State]:
-        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
-        drawn = self.sampler.draw(seed, episode)
-        mechanism = drawn.mechanism
-        state = (
-            self.simulation.start(mechanism, drawn.configuration)
-            if drawn.tensions is None
-            else self.simulation.at(mechanism, drawn.configuration, drawn.tensions)
-        )
-        x, y = (np.float32(component).astype(float) for component in mechanism.tip(drawn.target_configuration))
-        solutions = None
-        if self.task.reward_type == "dense":
-            solutions = feasible_solutions(mechanism, x, y, drawn.target_configuration)
-        return Episode(mechanism, (x, y), solutions), state
+    # ------------------------------------------------------------------------------------- what happens, traceable
 
-    def advance(self, episode: Episode, state: State, action: Components) -> State:
-        """The state one step later."""
-        return self.simulation.advance(episode.mechanism, state, action)
-
-    def observation(self, state: State) -> list[Component]:
-        """Components of the "observation" entry, each within [-1, 1].
-
-        tip / reach (2), tensions from -1 at their minimum to 1 at their maximum (4), and, if all is observed, sine and
-        cosine of each joint angle (4), stability and wrench margin m as m / (1 + |m|) (2).
-        """
+    def outcome(self, episode: Episode, state: State) -> Outcome:
+        """What is to be told about a state."""
         xp = namespace_of(state.tip[0])
-        low, high = self.design.min_tension, self.design.max_tension
-        parts = [component / self.reach for component in state.tip]
-        parts += [(2 * f - (high + low)) / (high - low) for f in state.inputs]
-        if self.observe_all:
-            for angle in state.configuration:
-                parts += [xp.sin(angle), xp.cos(angle)]
-            parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
-        return parts
+        achieved = tuple(to_single(component) for component in state.tip)
+        error = xp.hypot(achieved[0] - episode.goal[0], achieved[1] - episode.goal[1])
+        terms = self.task.reward_terms(xp, error, state, episode.solutions)
+        total: Component = 0.0
+        for term in terms.values():
+            total = total + term
+        info = {
+            "is_success": self.task.is_success(error, state.failure),
+            "tip_error": error,
+            "stability_margin": state.stability_margin,
+            "wrench_margin": state.wrench_margin,
+            "is_stable": state.stability_margin > 0,
+            "is_wrench_feasible": state.wrench_margin >= 0,
+            "failure": state.failure,
+            "effort": self.task.effort(state),
+            "configuration": state.configuration,
+            self.input_name: state.inputs,
+            **self.hidden(episode),
+            **{f"reward_{name}": term for name, term in terms.items()},
+        }
+        # In single precision, so that a relabelled reward, from inverse solutions found anew, is the same number.
+        return Outcome(state, tuple(self.observation(state)), achieved, to_single(total), info)
 
-    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
-        """Reward of the dense or sparse form for any goals, as `step` gives it. See `TwoXReachEnv.compute_reward`."""
-        achieved, desired, batch, single = _goals(achieved_goal, desired_goal, info)
-        state = _state_from_info(batch)
-        error = np.hypot(achieved[:, 0] - desired[:, 0], achieved[:, 1] - desired[:, 1])
-        solutions = None
-        if self.task.reward_type == "dense":
-            mechanism = self.nominal
-            if self.payload_range is not None:
-                mechanism = TwoX(replace(self.design, payload=batch["payload"]))
-            solutions = feasible_solutions(mechanism, desired[:, 0], desired[:, 1])
-        reward = np.asarray(total_reward(self.task.reward_terms(np, error, state, solutions)))
+    def begun(self, episode: Episode, q: Components, inputs: Components | None) -> Outcome:
+        """The outcome of beginning an episode."""
+        return self.outcome(episode, self.simulation.start(self.mechanism(episode.design), episode, q, inputs))
+
+    def stepped(self, episode: Episode, state: State, action: Components) -> Outcome:
+        """The outcome of a step."""
+        return self.outcome(episode, self.simulation.advance(self.mechanism(episode.design), episode, state, action))
+
+    # ------------------------------------------------------------------------------------------ batches, as matrices
+
+    @cached_property
+    def _drawn_layouts(self) -> tuple[Layout, Layout, Layout]:
+        """Layouts of episodes, start configurations and start inputs, which are those of any draw."""
+        drawn = self.draw(np.zeros(1, np.int64), np.zeros(1, np.int64))
+        return Layout(drawn.episode), Layout(drawn.configuration), Layout(drawn.inputs)
+
+    @property
+    def episodes(self) -> Layout:
+        """Of a matrix of episodes."""
+        return self._drawn_layouts[0]
+
+    @cached_property
+    def _begin(self) -> Kernel:
+        return Kernel(self.begun, *self._drawn_layouts)
+
+    @property
+    def outcomes(self) -> Layout:
+        """Of a matrix of outcomes."""
+        return self._begin.result
+
+    @cached_property
+    def states(self) -> Layout:
+        """Of a matrix of states: the first rows of a matrix of outcomes."""
+        return Layout(self.outcomes.rows.state, is_row, lambda row: row.kind)
+
+    @cached_property
+    def _step(self) -> Kernel:
+        actions = Layout(tuple(np.zeros(1) for _ in range(self.simulation.action_size)))
+        return Kernel(self.stepped, self.episodes, self.states, actions)
+
+    @cached_property
+    def _outcome(self) -> Kernel:
+        return Kernel(self.outcome, self.episodes, self.states)
+
+    def begin(self, seed: np.ndarray, episode: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Begin the episodes of the given (seed, episode) pairs, both of shape (n,).
+
+        Returns:
+            The matrices of episodes and of outcomes.
+        """
+        drawn = self.draw(seed, episode)
+        layouts = self._drawn_layouts
+        matrices = [layout.pack(part, len(seed)) for layout, part in zip(layouts, drawn, strict=True)]
+        return matrices[0], self._begin(*matrices)
+
+    def step(self, episodes: np.ndarray, states: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        """The outcomes one step later, for actions of shape (action size, n) in [-1, 1]."""
+        return self._step(episodes, states, actions)
+
+    def tell(self, episodes: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """The outcomes of being in these states."""
+        return self._outcome(episodes, states)
+
+    @cached_property
+    def info_entries(self) -> list[InfoEntry]:
+        """The entries of `info`."""
+        entries = []
+        for name, place in self.outcomes.rows.info.items():
+            rows = place if isinstance(place, tuple) else (place,)
+            entries.append(InfoEntry(name, int(rows[0]), int(rows[-1]) + 1 if rows is place else None, rows[0].kind))
+        return entries
+
+    # ------------------------------------------------------------------------------------------------ relabelling
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """Reward of the dense or sparse form for any goals, as `step` gives it. See `ReachEnv.compute_reward`."""
+        achieved, desired, batch, single = self._goals(achieved_goal, desired_goal, info)
+        episode = self.episode_of(batch, desired[:, 0], desired[:, 1])
+        state = State(
+            tuple(batch["configuration"].T),
+            tuple(batch[self.input_name].T),
+            tuple(achieved.T),
+            batch["stability_margin"],
+            batch["wrench_margin"],
+            batch["failure"],
+            batch["step"],
+        )
+        n = len(achieved)
+        reward = self.tell(self.episodes.pack(episode, n), self.states.pack(state, n))[self.outcomes.rows.reward]
         return float(reward[0]) if single else reward
 
-    def compute_terminated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
         """Whether the episode failed in that step; it does not depend on the goals."""
-        _, _, batch, single = _goals(achieved_goal, desired_goal, info)
+        _, _, batch, single = self._goals(achieved_goal, desired_goal, info)
         failed = batch["failure"] != RUNNING
         return bool(failed[0]) if single else failed
 
-
-_INFO_KEYS = ("configuration", "tensions", "stability_margin", "wrench_margin", "failure", "payload")
-
-
-def information(
-    core: Core, state: State, error: Component, terms: dict[str, Component], payload: Component
-) -> dict[str, Any]:
-    """The `info` of a step, apart from its vectors: names as documented in `TwoXReachEnv`."""
-    return {
-        "is_success": core.task.is_success(error, state.failure),
-        "tip_error": error,
-        "stability_margin": state.stability_margin,
-        "wrench_margin": state.wrench_margin,
-        "is_stable": state.stability_margin > 0,
-        "is_wrench_feasible": state.wrench_margin >= 0,
-        "failure": state.failure,
-        "payload": payload,
-        "effort": core.task.effort(state),
-        **{f"reward_{name}": term for name, term in terms.items()},
-    }
-
-
-def total_reward(terms: dict[str, Component]) -> Component:
-    """The sum of the terms to nine decimals, so that float, batch and relabelled computations give the same number
-    to the last bit.
-    """
-    total: Component = sum(terms.values())
-    return np.round(total, 9) if isinstance(total, np.ndarray) else round(total, 9)
-
-
-def _weights(given: dict[str, float] | RewardWeights | None) -> RewardWeights:
-    if isinstance(given, RewardWeights):
-        return given
-    known = list(RewardWeights.__dataclass_fields__)
-    for name in given or {}:
-        if name not in known:
-            raise ValueError(f"reward_weights: no term {name!r}; there are {', '.join(known)}")
-    return RewardWeights(**(given or {}))
-
-
-def _goals(achieved: Any, desired: Any, info: Any) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], bool]:
-    """Goals as (n, 2) arrays and the infos as one dict of arrays."""
-    achieved, desired = np.asarray(achieved, float), np.asarray(desired, float)
-    single = achieved.ndim == 1
-    if achieved.shape != desired.shape or achieved.shape[-1] != 2 or achieved.ndim > 2:
-        raise ValueError(
-            f"goals of shapes {achieved.shape} and {desired.shape}: both must be (2,) or (n, 2), in metres"
-        )
-    infos = [info] if isinstance(info, dict) and single else info
-    if not isinstance(infos, dict):
-        if len(infos) != (1 if single else len(achieved)) or any(key not in i for i in infos for key in _INFO_KEYS):
+    def _goals(
+        self, achieved: Any, desired: Any, info: Any
+    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], bool]:
+        """Goals as (n, size) arrays and the infos as one dict of arrays."""
+        achieved, desired = np.asarray(achieved, float), np.asarray(desired, float)
+        single, size = achieved.ndim == 1, self.observation_space["achieved_goal"].shape
+        assert size is not None
+        if achieved.shape != desired.shape or achieved.shape[-1:] != size or achieved.ndim > 2:
             raise ValueError(
-                "compute_reward needs the info of every step (the reward depends on tensions and margins, "
-                "not on the goals alone): with Stable-Baselines3, HerReplayBuffer(copy_info_dict=True)"
+                f"goals of shapes {achieved.shape} and {desired.shape}: "
+                f"both must be {size} or (n, {size[0]}), in metres"
             )
-        infos = {key: np.array([i[key] for i in infos]) for key in _INFO_KEYS}
-    elif any(key not in infos for key in _INFO_KEYS):
-        raise ValueError(
-            f"info lacks {[key for key in _INFO_KEYS if key not in infos]}: pass the info that step returned"
+        keys = ["configuration", self.input_name, "stability_margin", "wrench_margin", "failure", "step"]
+        keys += list(self.hidden(self.episodes.rows))
+        infos = [info] if isinstance(info, dict) and single else info
+        if not isinstance(infos, dict):
+            if len(infos) != (1 if single else len(achieved)) or any(key not in i for i in infos for key in keys):
+                raise ValueError(
+                    "compute_reward needs the info of every step (the reward depends on inputs and margins, "
+                    "not on the goals alone): with Stable-Baselines3, HerReplayBuffer(copy_info_dict=True)"
+                )
+            infos = {key: np.array([i[key] for i in infos]) for key in keys}
+        elif any(key not in infos for key in keys):
+            raise ValueError(
+                f"info lacks {[key for key in keys if key not in infos]}: pass the info that step returned"
+            )
+        return np.atleast_2d(achieved), np.atleast_2d(desired), infos, single
+
+    def picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
+        """What `render` draws."""
+        error = float(np.hypot(state.tip[0] - episode.goal[0], state.tip[1] - episode.goal[1]))
+        return Scene(
+            tip=(state.tip[0], state.tip[1]),
+            target=(episode.goal[0], episode.goal[1]),
+            tolerance=self.task.tolerance,
+            trace=trace,
+            margins={"stability": state.stability_margin, "wrench": state.wrench_margin},
+            caption=f"step {step}   tip error {1000 * error:.1f} mm",
+            reach=self.reach,
+            failure=FAILURES[state.failure],
+            **self.scene(episode, state),
         )
-    return np.atleast_2d(achieved), np.atleast_2d(desired), infos, single
-
-
-def _state_from_info(info: dict[str, np.ndarray]) -> State:
-    configuration, tensions = info["configuration"].T, info["tensions"].T
-    return State(
-        tuple(configuration), tuple(tensions), (), info["stability_margin"], info["wrench_margin"], info["failure"]
-    )
-
-
-def failure_name(code: int) -> str:
-    """Why an episode was terminated, in words; empty while it runs."""
-    return FAILURES[code]

@@ -1,52 +1,58 @@
-"""The single environment: a `gymnasium.Env` shell over `Core`, on floats."""
+"""The single environment: a `gymnasium.Env` shell over a `Core`."""
 
+import math
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from tensegrity_envs.core import Core, Episode, failure_name, information, total_reward
-from tensegrity_envs.episodes import EpisodeQueue, as_floats
-from tensegrity_envs.mechanics.namespace import namespace_of
+from tensegrity_envs.arms import core_of
+from tensegrity_envs.core import Core
+from tensegrity_envs.episodes import EpisodeQueue
 from tensegrity_envs.rendering import Scene, Viewer, draw
-from tensegrity_envs.simulation.protocol import RUNNING, State
+from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Episode, State
 
 _TRACE = 100  # tip positions kept for the picture
 _AHEAD = 16  # episodes drawn at once
 
 
-class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
-    """Reach a target with a 2-X manipulator, staying stable and wrench-feasible.
+class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
+    """A manipulator that is to bring its tip to a target, staying stable and wrench-feasible.
 
-    Observation: Dict of "observation" (see `Core.observation`; every component within [-1, 1]), "achieved_goal" (the
-    tip) and "desired_goal" (the target), both in metres; all float32. Action: increments in [-1, 1], scaled by 0.1 rad
-    (joint control) or 15 N (tension control); components outside are clipped, NaN, infinite or wrongly shaped ones
-    raise ValueError.
+    Observation: Dict of "observation" (see the core's `observation`; every component within [-1, 1]), "achieved_goal"
+    (the tip) and "desired_goal" (the target), both in metres; all float32. Action: increments in [-1, 1], scaled by
+    the rate of the core's simulation; components outside are clipped, NaN, infinite or wrongly shaped ones raise
+    ValueError.
 
-    `info` holds is_success, tip_error [m], configuration [rad], tensions [N], stability_margin, wrench_margin,
-    is_stable, is_wrench_feasible, payload [kg] (privileged: controllers do not see info), failure (code) with
-    termination_reason (words), and every weighted term of the reward as reward_<name>.
+    `info` holds is_success, tip_error [m], configuration [rad], the inputs (tensions [N] or free_lengths [m]),
+    stability_margin, wrench_margin, is_stable, is_wrench_feasible, effort, the hidden parameters of the episode
+    (privileged: controllers do not see info), failure (code) with termination_reason (words), step, and every weighted
+    term of the reward as reward_<name>.
 
     Args:
+        arm: the name of the environment's core in `arms.ARMS`, such as "TwoXReach", or a `Core` class of your own.
         render_mode: None, "rgb_array" or "human".
         render_size: width and height of the picture [pixels].
-        **options: of `Core`: design, control, payload_range, observe, reward_type, reward_weights, tolerance.
+        **options: of the core.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 20}  # noqa: RUF012  (Gymnasium's convention)
 
-    def __init__(self, render_mode: str | None = None, render_size: int = 600, **options: Any) -> None:
+    def __init__(
+        self, arm: str | type[Core], render_mode: str | None = None, render_size: int = 600, **options: Any
+    ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode = {render_mode!r}: must be None, 'rgb_array' or 'human'")
-        self.core = Core(**options)
+        self.core = core_of(arm, options)
         self.render_mode = render_mode
         self.render_size = render_size
         # Gymnasium types a Dict as a space of spaces, not of what it samples.
         self.observation_space = self.core.observation_space  # type: ignore[assignment]
         self.action_space = self.core.action_space
         self._queue: EpisodeQueue | None = None
-        self._episode: Episode | None = None
-        self._state: State
+        self._episode: np.ndarray | None = None  # one column each
+        self._outcome: np.ndarray
+        self._values: list[float]  # of the outcome
         self._viewer: Viewer | None = None
 
     @property
@@ -55,9 +61,14 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         return self.core.design
 
     @property
-    def true_design(self) -> Any:
-        """The design with the hidden parameters of the present episode (privileged)."""
-        return self._running().mechanism.design
+    def episode(self) -> Episode:
+        """The present episode, with its hidden parameters (privileged)."""
+        return self.core.episodes.unpack(self._running()[:, 0])  # type: ignore[no-any-return]
+
+    @property
+    def episodes(self) -> Episode:
+        """The same as a batch of one, for controllers (privileged)."""
+        return self.core.episodes.unpack(self._running())  # type: ignore[no-any-return]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -83,11 +94,13 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
                     f"reset options {unknown}: the only one is 'episode', the number of the episode to begin"
                 )
             self._queue.restart(0, episode=int(options["episode"]))
-        self._episode, self._state = as_floats(self._queue.pop(np.array([0])))
-        self._desired = np.array(self._episode.goal, np.float32)
+        self._episode, self._outcome = self._queue.pop(np.array([0]))
+        self._values = self._outcome[:, 0].tolist()
+        self._desired = np.array(self.episode.goal, np.float32)
         self._steps = 0
-        self._trace = [self._state.tip]
-        observation, info, _ = self._outcome()
+        if self.render_mode is not None:
+            self._trace = [self._state.tip]
+        observation, info = self._observation(), self._info()
         if self.render_mode == "human":
             self.render()
         return observation, info
@@ -99,40 +112,50 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             ValueError: the action is not a finite array of the right shape.
             RuntimeError: before the first reset, or after the episode has been terminated.
         """
-        episode = self._running()
-        if self._state.failure != RUNNING:
-            raise RuntimeError(f"the episode was terminated ({failure_name(self._state.failure)}): call reset()")
-        self._state = self.core.advance(episode, self._state, check_action(action, self.action_space.shape))
+        episode, rows = self._running(), self.core.outcomes.rows
+        if self._values[rows.state.failure] != RUNNING:
+            raise RuntimeError(f"the episode was terminated ({self._info()['termination_reason']}): call reset()")
+        self._outcome = self.core.step(episode, self._outcome, check_action(action, self.action_space.shape))
+        self._values = self._outcome[:, 0].tolist()
         self._steps += 1
         if self.render_mode is not None:
             self._trace = [*self._trace[-_TRACE:], self._state.tip]
-        observation, info, reward = self._outcome()
+        observation, info = self._observation(), self._info()
         if self.render_mode == "human":
             self.render()
-        return observation, reward, self._state.failure != RUNNING, False, info
+        values = self._values
+        return observation, values[rows.reward], values[rows.state.failure] != RUNNING, False, info
 
-    def _running(self) -> Episode:
+    def _running(self) -> np.ndarray:
         if self._episode is None:
             raise RuntimeError("call reset() before the first step")
         return self._episode
 
-    def _outcome(self) -> tuple[dict[str, np.ndarray], dict[str, Any], float]:
-        core, state, episode = self.core, self._state, self._running()
-        achieved = np.array(state.tip, np.float32)
-        xp = namespace_of(0.0)
-        error = xp.hypot(float(achieved[0]) - episode.goal[0], float(achieved[1]) - episode.goal[1])
-        terms = core.task.reward_terms(xp, error, state, episode.solutions)
-        info = information(core, state, error, terms, float(episode.mechanism.design.payload))
-        info["configuration"] = np.array(state.configuration)
-        info["tensions"] = np.array(state.inputs)
-        info["step"] = self._steps
-        info["termination_reason"] = failure_name(state.failure)
-        observation = {
-            "observation": np.array(core.observation(state), np.float32),
-            "achieved_goal": achieved,
+    @property
+    def _state(self) -> State:
+        return self.core.outcomes.unpack(self._outcome[:, 0]).state  # type: ignore[no-any-return]
+
+    def _observation(self) -> dict[str, np.ndarray]:
+        rows, values = self.core.outcomes.rows, self._outcome[:, 0].astype(np.float32)
+        return {
+            "observation": values[rows.observation[0] : rows.observation[-1] + 1],
+            "achieved_goal": values[rows.achieved[0] : rows.achieved[-1] + 1],
             "desired_goal": self._desired.copy(),
         }
-        return observation, info, total_reward(terms)
+
+    def _info(self) -> dict[str, Any]:
+        values = self._values
+        info: dict[str, Any] = {}
+        for name, first, end, kind in self.core.info_entries:
+            if end is not None:
+                info[name] = np.array(values[first:end])
+            elif kind == "float":
+                info[name] = values[first]
+            else:
+                info[name] = values[first] != 0 if kind == "bool" else int(values[first])
+        info["step"] = self._steps
+        info["termination_reason"] = FAILURES[info["failure"]]
+        return info
 
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
         """The reward that `step` would give for these goals, for one transition or a batch.
@@ -160,23 +183,7 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
 
     def scene(self) -> Scene:
         """What `render` draws: the arm, its target and the trace of its tip."""
-        state, episode = self._state, self._running()
-        mechanism = episode.mechanism
-        error = float(np.hypot(state.tip[0] - episode.goal[0], state.tip[1] - episode.goal[1]))
-        return Scene(
-            nodes=mechanism.nodes(state.configuration),
-            members=mechanism.members,
-            tensions={f"cable {name}": f for name, f in zip(mechanism.input_names, state.inputs, strict=True)},
-            tension_bounds=(self.design.min_tension, self.design.max_tension),
-            tip=(state.tip[0], state.tip[1]),
-            target=(episode.goal[0], episode.goal[1]),
-            tolerance=self.core.task.tolerance,
-            trace=self._trace,
-            margins={"stability": state.stability_margin, "wrench": state.wrench_margin},
-            caption=f"step {self._steps}   tip error {1000 * error:.1f} mm",
-            reach=self.core.reach,
-            failure=failure_name(state.failure),
-        )
+        return self.core.picture(self.episode, self._state, getattr(self, "_trace", []), self._steps)
 
     def render(self) -> Any:
         """The picture (rgb_array: shape (render_size, render_size, 3), uint8), or the window brought up to date
@@ -199,17 +206,19 @@ class TwoXReachEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             self._viewer = None
 
 
-def check_action(action: Any, shape: tuple[int, ...] | None) -> tuple[float, ...]:
-    """A single action as floats, clipped to [-1, 1].
+def check_action(action: Any, shape: tuple[int, ...] | None) -> np.ndarray:
+    """A single action as a column of numbers, clipped to [-1, 1].
 
     Raises:
         ValueError: it has the wrong shape, or is not finite.
     """
-    array = np.asarray(action, float)
+    array = np.array(action, float)
     if array.shape != shape:
         raise ValueError(f"action of shape {array.shape}: must be {shape}, increments in [-1, 1]")
     values: list[float] = array.tolist()
-    for value in values:
-        if not -1.0 <= value <= 1.0 and not np.isfinite(value):
-            raise ValueError(f"action = {values}: must be finite numbers")
-    return tuple(min(max(value, -1.0), 1.0) for value in values)
+    for i, value in enumerate(values):
+        if not -1.0 <= value <= 1.0:
+            if not math.isfinite(value):
+                raise ValueError(f"action = {values}: must be finite numbers")
+            array[i] = min(max(value, -1.0), 1.0)
+    return array[:, None]

@@ -1,4 +1,4 @@
-"""One table of environments: id, description, and the options of the shells."""
+"""One table of environments: id, description, arm, and the options of the core."""
 
 from typing import Any, NamedTuple
 
@@ -11,25 +11,36 @@ class Entry(NamedTuple):
     Attributes:
         id: Gymnasium id.
         summary: one line, for listings.
-        options: keyword arguments of the environment.
+        arm: name of its core in `arms.ARMS`.
+        options: keyword arguments of the core.
         max_episode_steps: time limit.
     """
 
     id: str
     summary: str
+    arm: str
     options: dict[str, Any]
     max_episode_steps: int = 100
 
 
 ENTRIES = (
     Entry(
-        "tensegrity/TwoXReach-v0", "2-X manipulator, joint increments, stiffest feasible tensions", {"control": "joint"}
+        "tensegrity/TwoXReach-v0",
+        "2-X manipulator, joint increments, stiffest feasible tensions",
+        "TwoXReach",
+        {"control": "joint"},
     ),
-    Entry("tensegrity/TwoXTensionReach-v0", "2-X manipulator, cable tension increments", {"control": "tension"}),
+    Entry(
+        "tensegrity/TwoXTensionReach-v0",
+        "2-X manipulator, cable tension increments",
+        "TwoXReach",
+        {"control": "tension"},
+    ),
     Entry(
         "tensegrity/TwoXPayloadReach-v0",
         "2-X manipulator, cable tension increments, unknown payload of 0 to 0.4 kg, only tip and tensions observed",
-        {"control": "tension", "payload_range": (0.0, 0.4), "observe": "tip_and_tensions"},
+        "TwoXReach",
+        {"control": "tension", "payload_range": (0.0, 0.4), "observe": "tip_and_inputs"},
     ),
 )
 ENV_IDS = tuple(entry.id for entry in ENTRIES)
@@ -41,8 +52,8 @@ def register_all() -> None:
         if entry.id not in gym.registry:
             gym.register(
                 entry.id,
-                entry_point="tensegrity_envs.env:TwoXReachEnv",
-                vector_entry_point="tensegrity_envs.vector_env:TwoXReachVectorEnv",
+                entry_point="tensegrity_envs.env:ManipulatorEnv",
+                vector_entry_point="tensegrity_envs.vector_env:ManipulatorVectorEnv",
                 max_episode_steps=entry.max_episode_steps,
-                kwargs=entry.options,
+                kwargs={"arm": entry.arm, **entry.options},
             )

@@ -320,7 +320,7 @@ def test_video(tmp_path):
         film.seek(k)
         durations.append(film.info["duration"])
     assert durations == [50] * 8 + [900]
-    assert still.begun[0][0] == [True] and still.begun[0][1] == still.begun[0][2]
+    assert still.begun[0][0] == [True] and still.begun[0][1] == still.begun[0][2].design
     assert still.starts == [[True]] + [[False]] * 7 and still.shapes == {(1, 12)}
     assert Image.open(path.with_suffix(".png")).size == (4 * 302 - 2, 2 * 328 - 2)
 
@@ -331,7 +331,7 @@ def test_video_of_a_hidden_load_and_many_controllers(tmp_path):
     assert Image.open(path).size == (3 * 302 - 2, 2 * 328 - 2)
     (still, *_) = many.values()
     _, nominal, true = still.begun[0]
-    assert nominal.payload == 0 and true.payload.shape == (1,) and 0 < true.payload[0] <= 0.4
+    assert nominal.payload == 0 and true.design.payload.shape == (1,) and 0 < true.design.payload[0] <= 0.4
 
 
 def test_video_keeps_below_its_limit(tmp_path, monkeypatch):

@@ -8,9 +8,9 @@ import pytest
 from scipy import ndimage
 
 import tensegrity_envs  # noqa: F401
+from tensegrity_envs.arms.two_x_sampling import Sampler
 from tensegrity_envs.mechanics import MURALIDHARAN2022, TwoX
 from tensegrity_envs.seeding import uniform
-from tensegrity_envs.tasks.sampling import Sampler
 
 PAYLOAD = "tensegrity/TwoXPayloadReach-v0"
 
@@ -38,7 +38,7 @@ def test_the_arm_is_in_stable_equilibrium_under_its_actual_tensions_after_every_
             _, _, terminated, truncated, info = envs.step(rng.uniform(-1, 1, (128, 4)))
             running = ~(terminated | truncated)
             q, tensions = tuple(info["configuration"].T), tuple(info["tensions"].T)
-            arm = TwoX(envs.unwrapped.true_design)
+            arm = TwoX(envs.unwrapped.episode.design)
             gradient = np.hypot(*arm.energy_gradient(q, tensions))
             assert gradient.max() < 1e-9
             assert (arm.stability_margin(q, tensions) > 0).all()
@@ -160,14 +160,14 @@ def test_payload_observation_hides_angles_margins_and_payload():
         (tensions + 1) / 2 * (design.max_tension - design.min_tension) + 5, info["tensions"], atol=1e-4
     )
     assert design.payload == 0
-    assert env.unwrapped.true_design.payload == info["payload"] > 0
+    assert env.unwrapped.episode.design.payload == info["payload"] > 0
 
 
 def test_every_environment_of_a_batch_has_its_own_payload():
     envs = gym.make_vec(PAYLOAD, 8, vectorization_mode="vector_entry_point")
     _, info = envs.reset(seed=0)
     assert len(set(info["payload"])) == 8
-    np.testing.assert_array_equal(envs.unwrapped.true_design.payload, info["payload"])
+    np.testing.assert_array_equal(envs.unwrapped.episode.design.payload, info["payload"])
 
 
 def test_an_arm_of_ones_own():

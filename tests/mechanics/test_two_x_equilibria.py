@@ -12,6 +12,7 @@ from scipy.optimize import brentq, least_squares
 from two_x_reference import creep
 
 from tensegrity_envs.mechanics import MURALIDHARAN2022, TwoX
+from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.equilibrium import find_all, follow, solve_symmetric
 
 NO_LOAD = (0.0, 0.0)
@@ -146,17 +147,15 @@ def tension_changes(count, seed):
     return np.array(states).T, old, new, np.array(payloads)
 
 
-def path_of(m, old, new):
-    """The path of statics in u = sin(alpha/2) that `follow` takes; tensions are tuples of floats or arrays."""
+def along(design, q, old, new):
+    """Where the arm comes to when its tensions change from `old` to `new`, in u = sin(alpha/2), and the fraction."""
+    m = TwoX(design)
 
-    def at(value, index):
-        return value[index] if isinstance(value, np.ndarray) and index is not None else value
+    def path(u, t):
+        return m.sine_statics(u, tuple(o + t * (n - o) for o, n in zip(old, new, strict=True)))
 
-    def path(u, t, index):
-        tensions = tuple(at(o, index) + t * (at(n, index) - at(o, index)) for o, n in zip(old, new, strict=True))
-        return (m if index is None else m.take(index)).sine_statics(u, tensions)
-
-    return path
+    u, fraction = follow(path, m.to_sines(q))
+    return m.from_sines(u), fraction
 
 
 def test_following_never_jumps():
@@ -169,8 +168,8 @@ def test_following_never_jumps():
     q, old, new, payloads = tension_changes(175, seed=3)
     m = TwoX(replace(MURALIDHARAN2022, payload=payloads))
     expected, covered, lowest = creep(m, q, old, new)
-    u, fraction = follow(path_of(m, tuple(old), tuple(new)), m.to_sines(tuple(q)))
-    found = np.array(m.from_sines(u))
+    end, fraction = evaluate(along, m.design, tuple(q), tuple(old), tuple(new))
+    found = np.array(end)
     both = (fraction == 1) & (covered == 1)
     lost = covered < 1
     assert abs(found - expected).max(axis=0)[both].max() < 1e-8
@@ -192,18 +191,14 @@ def test_following_never_jumps():
 
 def test_following_one_is_following_it_in_a_batch():
     q, old, new, payloads = tension_changes(42, seed=4)
-    m = TwoX(replace(MURALIDHARAN2022, payload=payloads))
-    u, fraction = follow(path_of(m, tuple(old), tuple(new)), m.to_sines(tuple(q)))
+    design = replace(MURALIDHARAN2022, payload=payloads)
+    end, fraction = evaluate(along, design, tuple(q), tuple(old), tuple(new))
     for i in range(42):
-        one = with_payload(float(payloads[i]))
-        path = path_of(one, tuple(map(float, old[:, i])), tuple(map(float, new[:, i])))
-        single, covered = follow(path, one.to_sines(tuple(map(float, q[:, i]))))
+        rows = (tuple(map(float, values[:, i])) for values in (q, old, new))
+        single, covered = evaluate(along, replace(design, payload=float(payloads[i])), *rows)
         assert all(type(value) is float for value in (*single, covered))
-        assert covered == pytest.approx(fraction[i], abs=1e-12)
-        assert single == pytest.approx([ui[i] for ui in u], abs=1e-10)
-    some = np.array([5, 0, 17])
-    few, _ = follow(path_of(m.take(some), tuple(old[:, some]), tuple(new[:, some])), m.to_sines(tuple(q[:, some])))
-    np.testing.assert_allclose(few, np.array(u)[:, some], rtol=0, atol=1e-12)
+        assert covered == fraction[i]
+        assert single == tuple(qi[i] for qi in end)
 
 
 @pytest.mark.parametrize(
@@ -218,7 +213,7 @@ def test_a_path_across_a_fold_to_a_convex_energy_is_reported_as_a_loss(old, new,
     m = with_payload(0.12)
     start = next(e.configuration for e in m.equilibria(old) if e.is_stable and side * e.configuration[0] > 0)
     assert [e.is_stable for e in m.equilibria(new)].count(True) == 1
-    _, fraction = follow(path_of(m, old, new), m.to_sines(start))
+    _, fraction = evaluate(along, m.design, start, old, new)
     single = TwoX(replace(MURALIDHARAN2022, payload=np.array([0.12])))
     _, covered, _ = creep(single, np.array([start]).T, np.array([old]).T, np.array([new]).T)
     assert covered[0] < 0.1

@@ -24,7 +24,8 @@ def make_controller(name: str, env_id: str) -> Any:
         ValueError: there is no such controller; the message lists those that exist.
     """
     if name in BASELINES:
-        return BASELINES[name](control=gym.spec(env_id).kwargs["control"])
+        env: Any = gym.make(env_id).unwrapped
+        return BASELINES[name](env.core)
     if ":" not in name:
         raise ValueError(f"controller {name!r}: there are {', '.join(BASELINES)}, or your own class as 'module:Class'")
     module_name, _, class_name = name.partition(":")

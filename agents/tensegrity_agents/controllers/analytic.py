@@ -9,7 +9,9 @@ import numpy as np
 from tensegrity_agents.controllers.planning import choose_solution, plan
 from tensegrity_agents.controllers.reading import Reading, configuration_from_tip, estimate_payload, read
 from tensegrity_agents.controllers.tracking import joint_action, tension_action
+from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics import TwoX, TwoXDesign
+from tensegrity_envs.simulation import Episode
 
 _ARRIVED = 1e-3  # [rad] from a way point to the next
 
@@ -36,21 +38,19 @@ class AnalyticController:
     """Reads the observation, remembers what it needs, acts. Subclasses say what to believe and where to go.
 
     Args:
-        control: "joint" or "tension", as the environment's.
+        core: of the environment.
     """
 
     wants_privileged = False
     knows = ""
 
-    def __init__(self, control: str = "joint") -> None:
-        if control not in ("joint", "tension"):
-            raise ValueError(f"control = {control!r}: must be 'joint' or 'tension'")
-        self.control = control
+    def __init__(self, core: Core) -> None:
+        self.control = core.control
         self.nominal: TwoX | None = None
-        self.privileged: TwoXDesign | None = None
+        self.privileged: Episode | None = None
 
-    def begin_episodes(self, mask: np.ndarray, design: TwoXDesign, privileged: TwoXDesign | None = None) -> None:
-        """Take the nominal design and, if this controller asks for it, the true one."""
+    def begin_episodes(self, mask: np.ndarray, design: TwoXDesign, privileged: Episode | None = None) -> None:
+        """Take the nominal design and, if this controller asks for it, the true episodes."""
         self.nominal = TwoX(design)
         self.privileged = privileged
 
@@ -214,21 +214,21 @@ class Oracle(Observer):
     wants_privileged = True
     knows = "the true payload; plans paths inside the stable wrench-feasible set"
 
-    def begin_episodes(self, mask: np.ndarray, design: TwoXDesign, privileged: TwoXDesign | None = None) -> None:
-        """Take the nominal and the true design.
+    def begin_episodes(self, mask: np.ndarray, design: TwoXDesign, privileged: Episode | None = None) -> None:
+        """Take the nominal design and the true episodes.
 
         Raises:
-            ValueError: the evaluation did not hand over the true design.
+            ValueError: the evaluation did not hand over the true episodes.
         """
         if privileged is None:
             raise ValueError(
-                "Oracle: needs the privileged design (evaluate it through tensegrity_agents.evaluation.rollout)"
+                "Oracle: needs the privileged episodes (evaluate it through tensegrity_agents.evaluation.rollout)"
             )
         super().begin_episodes(mask, design, privileged)
 
     def _perceive(self, reading: Reading, memory: Memory | None, fresh: np.ndarray) -> Memory:
         assert self.privileged is not None
-        told = np.broadcast_to(np.asarray(self.privileged.payload, float), fresh.shape)
+        told = np.broadcast_to(np.asarray(self.privileged.design.payload, float), fresh.shape)
         return super()._perceive(reading, memory, fresh)._replace(payload=told)
 
     def _paths(self, model: TwoX, start: np.ndarray, reading: Reading) -> list[np.ndarray]:
@@ -246,8 +246,8 @@ class RandomController:
 
     knows = "nothing"
 
-    def __init__(self, control: str = "joint", seed: int = 0) -> None:
-        self.size = {"joint": 2, "tension": 4}[control]
+    def __init__(self, core: Core, seed: int = 0) -> None:
+        self.size = core.simulation.action_size
         self._rng = np.random.default_rng(seed)
 
     def predict(

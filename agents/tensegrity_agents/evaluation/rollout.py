@@ -19,7 +19,8 @@ class Controller(Protocol):
 
     `begin_episodes(mask, design, privileged)`, where it is defined, is called before the first `predict` of new
     episodes with the mask of the environments that begin one, the nominal design, and None; a controller whose class
-    says `wants_privileged = True` (an oracle) gets the true design of every environment instead of None.
+    says `wants_privileged = True` (an oracle) gets the running `Episode`s, with their true designs and loads, instead
+    of None.
     """
 
     def predict(
@@ -65,7 +66,7 @@ def evaluate(
         begin = getattr(controller, "begin_episodes", None)
         if begin is not None:
             base: Any = envs.unwrapped
-            privileged = base.true_design if getattr(controller, "wants_privileged", False) else None
+            privileged = base.episode if getattr(controller, "wants_privileged", False) else None
             begin(np.ones(count, bool), base.design, privileged)
         state: Any = None
         start = np.ones(count, bool)

@@ -100,7 +100,7 @@ def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np
         begin(
             np.ones(count, bool),
             base.design,
-            base.true_design if getattr(controller, "wants_privileged", False) else None,
+            base.episode if getattr(controller, "wants_privileged", False) else None,
         )
     start, target = observation["achieved_goal"].copy(), observation["desired_goal"].copy()
     joints, tips = [info["configuration"]], [start]

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +91,7 @@ class _Player:
         if begin is not None:
             env: Any = self._env.unwrapped
             wanted = getattr(controller, "wants_privileged", False)
-            begin(np.ones(1, bool), env.design, _as_batch(env.design, env.true_design) if wanted else None)
+            begin(np.ones(1, bool), env.design, env.episodes if wanted else None)
         self._render()
 
     @property
@@ -130,16 +129,6 @@ class _Player:
 
     def close(self) -> None:
         self._env.close()
-
-
-def _as_batch(nominal: Any, true: Any) -> Any:
-    """The true design as a vector environment of one has it: what differs from the nominal design is an array."""
-    different = {
-        field.name: np.array([getattr(true, field.name)])
-        for field in fields(true)
-        if not np.ndim(getattr(true, field.name)) and getattr(true, field.name) != getattr(nominal, field.name)
-    }
-    return replace(true, **different)
 
 
 def _panel(name: str, status: str, colour: tuple[int, int, int], picture: Image.Image) -> Image.Image:

@@ -10,22 +10,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, namespace_of
+from tensegrity_envs.mechanics.compiling import evaluate
+from tensegrity_envs.mechanics.namespace import Component, Components, is_symbol, namespace_of
+from tensegrity_envs.mechanics.structure import is_array, leaves
+from tensegrity_envs.mechanics.tracing import Path
 
 Hessian = tuple[Components, ...]
 Statics = Callable[[Any], tuple[Components, Hessian]]
-# (configuration, indices into the batch or None for all of it) -> gradient, Hessian
-BatchStatics = Callable[[Any, Any], tuple[Components, Hessian]]
-# (configuration, path parameter in [0, 1], indices into the batch or None for all of it at parameter 1) -> the same
-PathStatics = Callable[[Any, Any, Any], tuple[Components, Hessian]]
+# (configuration, parameters: any structure of components) -> gradient, Hessian; traceable
+ParametricStatics = Callable[[Any, Any], tuple[Components, Hessian]]
+# (configuration, path parameter in [0, 1]) -> gradient, Hessian; traceable
+PathStatics = Callable[[Any, Any], tuple[Components, Hessian]]
 
-_CONVERGED = 1e-6  # last Newton step [rad or m]; the error that it leaves is of the order of its square
-_ITERATIONS = 6
-_CONTRACTION = 0.25  # a Newton step longer than this times the one before: too far from the path
-_FIRST_STEP = 0.8  # longest first step of a sub-step [rad or m]
-_CHANGE = 3.0  # the determinant of the Hessian changes at most by this factor, from the start of a step to its end
-_ITERATIONS_OF_SUBSTEP = 3  # leave an error that the next sub-step corrects
-_SECTIONS = 12
 _RESOLUTION = 2.0**-12  # shortest sub-step
 
 
@@ -83,112 +79,43 @@ def solve_symmetric(matrix: Hessian, right: Components) -> tuple[Components, Com
     return tuple(x), smallest, product
 
 
-def _newton(
-    statics: Statics, q: Components, first: Component, iterations: int = _ITERATIONS
-) -> tuple[Components, Component, Component, Component]:
-    """Newton's method inside a region where the energy is convex.
-
-    Returns the configuration, whether it failed, the last step, and the determinant of the Hessian.
-
-    It fails at the first indefinite Hessian, the first long step, the first step that does not contract, or where the
-    determinant has changed much since `first`, its value at the known equilibrium: by then it may be heading for an
-    equilibrium that is not the continuation of that one [Deuflhard, Newton Methods for Nonlinear Problems]. Each
-    element of a batch stops where it would stop alone, so that a batch of one and of many give the same numbers.
-    """
-    failed: Component = False
-    done: Component = False
-    longest: Component = _FIRST_STEP
-    for _ in range(iterations):
-        gradient, hessian = statics(q)
-        step, pivot, volume = solve_symmetric(hessian, gradient)
-        xp = namespace_of(pivot)
-        size = abs(step[0])
-        for component in step[1:]:
-            size = xp.maximum(size, abs(component))
-        strange = (pivot <= 0) | (volume * _CHANGE < first) | (volume > _CHANGE * first) | (size > longest)
-        failed = xp.where(done, failed, strange)
-        done = done | failed
-        q = tuple(qi - xp.where(done, 0.0, si) for qi, si in zip(q, step, strict=True))
-        done = done | (size <= _CONVERGED)
-        if done if isinstance(done, bool) else done.all():
-            break
-        longest = xp.maximum(_CONTRACTION * size, _CONVERGED)
-    return q, failed, size, volume
-
-
 def follow(path: PathStatics, q: Components, resolution: float = _RESOLUTION) -> tuple[Components, Component]:
     """Follow a stable equilibrium along a path of inputs or loads from parameter 0 to 1, never onto another branch.
 
-    One Newton solve where its steps contract from the start; elsewhere sub-steps, shortened until they contract. Where
-    stability ends on the way, the last stable point is returned. So it is where stability all but ends: where a
-    sub-step of the given resolution is still too long.
+    For traced functions (see `compiling`), which alone may call it: the path's statics become the code of a Newton
+    step, and `continuation.follow` runs it. Where stability ends on the way, the last stable point is returned. So it
+    is where stability all but ends: where a sub-step of the given resolution is still too long.
 
     Args:
         path: statics along the path, in any coordinates.
-        q: the equilibrium at parameter 0 in those coordinates, floats or arrays of shape (n,).
+        q: the equilibrium at parameter 0 in those coordinates.
         resolution: length of the shortest sub-step, as a fraction of the path.
 
     Returns:
         The coordinates, and the fraction of the path that was covered: 1, or less (by a few times the resolution at
         most) than where stability ended.
     """
-    everything = np.arange(len(q[0])) if is_batch(*q) else 0
-    q1, failed, size, _ = _newton(_at(path, 1.0, None), q, _volume(path, q, 0.0, everything))
-    failed = failed | (size > _CONVERGED)
-    if not is_batch(*q):
-        if not failed:
-            return q1, 1.0
-        end, fraction = _follow_in_substeps(path, tuple(np.array([qi]) for qi in q), np.array([0]), resolution)
-        return tuple(float(qi[0]) for qi in end), float(fraction[0])
-    fraction = np.ones(len(q1[0]))
-    index = np.flatnonzero(failed)
-    if len(index):
-        end, fraction[index] = _follow_in_substeps(path, tuple(qi[index] for qi in q), index, resolution)
-        for whole, part in zip(q1, end, strict=True):
-            whole[index] = part
-    return q1, fraction
+    graphs = [component.graph for component in q if is_symbol(component)]
+    if not graphs:
+        raise TypeError("follow is for traced functions: call it inside one that compiling.evaluate is given")
+    inner = Path(graphs[0], len(q))
+    gradient, hessian = path(inner.configuration, inner.parameter)
+    step, pivot, volume = solve_symmetric(hessian, gradient)
+    return inner.finish((*step, pivot, volume), q, resolution)
 
 
-def _follow_in_substeps(
-    path: PathStatics, q: Components, index: np.ndarray, resolution: float
-) -> tuple[Components, np.ndarray]:
-    q = tuple(qi.copy() for qi in q)
-    t, reach = np.zeros(len(index)), np.ones(len(index))
-    volume = _volume(path, q, t, index)
-    active = np.arange(len(index))
-    while len(active):
-        # Many lengths at once, from the same start, by factors of sqrt(2); the longest up to which none fails is taken.
-        lengths = reach[active, None] * 2.0 ** (np.arange(1 - _SECTIONS, 1) / 2)
-        ahead = np.minimum(t[active, None] + lengths, 1.0).ravel()
-        members = np.repeat(index[active], _SECTIONS)
-        start = tuple(np.repeat(qi[active], _SECTIONS) for qi in q)
-        first = np.repeat(volume[active], _SECTIONS)
-        found, failed, _, reached = _newton(_at(path, ahead, members), start, first, _ITERATIONS_OF_SUBSTEP)
-        good = np.logical_and.accumulate(~failed.reshape(-1, _SECTIONS), axis=1).sum(axis=1)
-        moved = np.flatnonzero(good)
-        row = moved * _SECTIONS + good[moved] - 1
-        for whole, new in zip(q, found, strict=True):
-            whole[active[moved]] = new[row]
-        t[active[moved]] = ahead[row]
-        volume[active[moved]] = reached[row]
-        reach[active] *= 2.0 ** ((good - _SECTIONS) / 2 + 1)  # next: up to twice the last length
-        active = active[(t[active] < 1.0) & (reach[active] > resolution)]
-    polished, failed, _, _ = _newton(_at(path, t, index), q, volume)
-    return tuple(np.where(failed, qi, p) for qi, p in zip(q, polished, strict=True)), t
+def _let_go(statics: ParametricStatics, start: Components, parameters: Any) -> tuple[Components, Component]:
+    """Where an arm held at `start` comes to when the holding force is taken away, and how much of it could be."""
+    held, _ = statics(start, parameters)
+
+    def released(q: Components, t: Component) -> tuple[Components, Hessian]:
+        gradient, hessian = statics(q, parameters)
+        return tuple(g - (1 - t) * f for g, f in zip(gradient, held, strict=True)), hessian
+
+    return follow(released, start)
 
 
-def _at(path: PathStatics, t: Component, index: Any) -> Statics:
-    return lambda q: path(q, t, index)
-
-
-def _volume(path: PathStatics, q: Components, t: Component, index: Any) -> Component:
-    """Determinant of the Hessian at the start of a step; where that is unstable -1, which `_newton` never accepts."""
-    gradient, hessian = path(q, t, index)
-    _, pivot, volume = solve_symmetric(hessian, gradient)
-    return namespace_of(pivot).where(pivot > 0, volume, -1.0)
-
-
-def settle(statics: BatchStatics, start: Sequence[Component], limit: float) -> Equilibrium:
+def settle(statics: ParametricStatics, start: Sequence[Component], parameters: Any, limit: float) -> Equilibrium:
     """The equilibrium that a mechanism at rest in `start` reaches when it is let go.
 
     First by continuation: the force that would hold `start` is taken away gradually, and the equilibrium followed.
@@ -196,27 +123,23 @@ def settle(statics: BatchStatics, start: Sequence[Component], limit: float) -> E
     is itself an equilibrium, even an unstable one, is returned.
 
     Args:
-        statics: of the mechanism under its inputs and loads: configuration, indices into the batch (or None for all
-            of it).
-        start: components, floats or arrays of shape (n,); floats are shared by a batch of statics.
+        statics: of the mechanism: (configuration, parameters) -> gradient, Hessian; a function of a module, since its
+            compiled form is kept.
+        start: components, floats or arrays of shape (n,).
+        parameters: a structure of floats and arrays of shape (n,): design, inputs, loads.
         limit: |component| is at most this.
     """
-    gradient, _ = statics(tuple(start), None)
-    single = not is_batch(*start, *gradient)
-    shape = np.broadcast_shapes((1,), *(np.shape(value) for value in (*start, *gradient)))
+    start = tuple(qi if isinstance(qi, np.ndarray) else float(qi) for qi in start)
+    arrays = list(leaves((start, parameters), is_array))
+    single = not arrays
+    shape = np.broadcast_shapes((1,), *(value.shape for value in arrays))
     q0 = np.stack([np.broadcast_to(np.asarray(qi, float), shape) for qi in start])
 
     def everywhere(q: Components) -> tuple[Components, Hessian]:
-        return statics(q, None)
+        return statics(q, parameters)
 
     held, stiffness = _as_arrays(everywhere, q0)
-
-    def released(q: Any, t: Any, index: Any) -> tuple[Components, Hessian]:
-        force = held if index is None else held[:, index]
-        gradient, hessian = statics(q, index)
-        return tuple(g - (1 - t) * f for g, f in zip(gradient, force, strict=True)), hessian
-
-    followed, fraction = follow(released, tuple(q0))
+    followed, fraction = evaluate(_let_go, statics, tuple(q0), parameters)
     q = np.stack(followed)
     lost = fraction < 1
     if lost.any():

@@ -2,7 +2,8 @@
 
 Every equation of this package is written once, on components (`alpha1, alpha2 = q`). A component is a float, a NumPy
 array or a Torch tensor; the three libraries spell `sin`, `cos`, `sqrt`, `atan2` alike, and this module supplies the
-few names that they do not share. Torch is never imported here: a tensor can only arrive when its caller has it.
+few names that they do not share. Torch is never imported here: a tensor can only arrive when its caller has it. A
+`tracing.Symbol` is a component too: it brings its own namespace, which writes the operations down.
 """
 
 import math
@@ -62,9 +63,25 @@ def namespace_of(*components: Component) -> Any:
             continue
         if isinstance(component, np.ndarray):
             found = np
+        elif hasattr(kind, "namespace"):
+            return kind.namespace
         elif kind.__module__.startswith("torch"):
             return _torch_namespace()
     return found
+
+
+def is_symbol(*components: Component) -> bool:
+    """Whether any of the components is a symbol: the caller is being traced."""
+    return any(hasattr(type(component), "namespace") for component in components)
+
+
+def to_single(component: Component) -> Component:
+    """A component rounded to single precision, as observations hold it; still of double type."""
+    if isinstance(component, np.ndarray):
+        return component.astype(np.float32).astype(float)
+    if is_symbol(component):
+        return namespace_of(component).single(component)
+    return float(np.float32(component))
 
 
 def is_batch(*components: Component) -> bool:

@@ -20,7 +20,8 @@ import numpy as np
 
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers, take
-from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, namespace_of
+from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, is_symbol, namespace_of
+from tensegrity_envs.mechanics.polynomials import real_roots
 
 _NO_LOAD = (0.0, 0.0)
 _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
@@ -189,7 +190,7 @@ class TwoX:
         self.stiffness_scale = self._spring1 + (design.k1 == 0) * design.max_tension * b  # [N m/rad]
         # The one component that tells floats from arrays when a batch of designs meets a single configuration.
         self._probe: Component = sum(
-            value for value in vars(design).values() if isinstance(value, np.ndarray)
+            value for value in vars(design).values() if isinstance(value, np.ndarray) or is_symbol(value)
         )  # 0 for a single design
 
     def take(self, index: Any) -> "TwoX":
@@ -560,15 +561,8 @@ class TwoX:
         _check_finite("start", start, 2)
         _check_finite("load", load, 2)
 
-        def statics(q: Components, index: Any) -> tuple[Components, tuple[Components, ...]]:
-            if index is None:
-                return self.statics(q, tensions, load)
-            inputs, forces = (
-                tuple(value[index] if np.ndim(value) else value for value in values) for values in (tensions, load)
-            )
-            return self.take(index).statics(q, inputs, forces)
-
-        return _equilibrium.settle(statics, start, self.design.joint_limit)
+        inputs, forces = (tuple(f if np.ndim(f) else float(f) for f in values) for values in (tensions, load))
+        return _equilibrium.settle(_statics, start, (self.design, inputs, forces), self.design.joint_limit)
 
     def equilibria(self, tensions: Sequence[float], load: Sequence[float] = _NO_LOAD) -> list[_equilibrium.Equilibrium]:
         """All equilibria within the joint limits (flat poses excluded), stable and unstable, sorted by configuration.
@@ -648,9 +642,12 @@ class TwoX:
         owner, a1, a2, residual = (values[keep][order] for values in (owner, a1, a2, residual))
         # Candidates that arrived at the same solution differ by rounding, sqrt(eps) at a double root.
         new = np.ones(len(owner), bool)
-        for lag in range(1, 5):
+        for lag in range(1, len(owner)):
+            same = owner[lag:] == owner[:-lag]
+            if not same.any():
+                break
             gap = _angle_gap(a1[lag:], a1[:-lag]) + _angle_gap(a2[lag:], a2[:-lag])
-            new[lag:] &= (owner[lag:] != owner[:-lag]) | (gap > 1e-6)
+            new[lag:] &= ~same | (gap > 1e-6)
         return owner[new], (a1[new], a2[new]), residual[new]
 
     def _polish(self, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -689,7 +686,7 @@ class TwoX:
         An X-joint moves like two rolling ellipses; in their eccentric anomaly psi, tan(alpha/2) = sqrt(1 - b^2/l^2)
         tan(psi), r = sqrt(l^2 - b^2) / h, h^2 = cos^2(psi) + (1 - b^2/l^2) sin^2(psi). Times h^4 the curve's equation
         is therefore a trigonometric polynomial of order 4 in psi_1, known from a few samples: at most eight
-        solutions, the real eigenvalues of a companion matrix. (Without offsets h^2 divides it; what is left is the
+        solutions, the real roots of a polynomial of degree eight. (Without offsets h^2 divides it; what is left is the
         quartic of [Furet2018, Eqs. 3-8] in another variable.)
         """
         a, l, bb = self.design.a, self.design.l, self._bb
@@ -711,13 +708,7 @@ class TwoX:
         top = np.abs(samples).argmax(axis=1)
         turned = samples[np.arange(len(x))[:, None], (top[:, None] + np.arange(_SAMPLES)) % _SAMPLES]
         polynomial = turned @ _SAMPLES_TO_POLYNOMIAL
-        companion = np.zeros((len(x), 8, 8))
-        companion[:, 1:, :-1] = np.eye(7)
-        companion[:, :, -1] = -polynomial[:, :-1] / polynomial[:, -1:]
-        roots = np.linalg.eigvals(companion)
-        # A double root comes out as a pair with imaginary parts of the order of sqrt(eps); forward kinematics decides.
-        owner, column = np.nonzero(np.abs(roots.imag) < 1e-3 * (1 + np.abs(roots) ** 2))
-        t = (roots.real + roots.imag)[owner, column]  # such a pair becomes two starts, on either side of the root
+        owner, t = real_roots(polynomial)
         a1 = self._from_anomaly(psi[top[owner]] + math.pi + 2 * np.arctan(t))
         dx, dy, dd = self._beyond_joint_1(x[owner], y[owner], a1)
         u = dd - a * a
@@ -747,6 +738,11 @@ class TwoX:
         dx = x + joint.r * joint.s + self.design.a * sin
         dy = y - joint.r * joint.c - self.design.a * cos
         return cos * dx + sin * dy, cos * dy - sin * dx, dx * dx + dy * dy
+
+
+def _statics(q: Components, parameters: Any) -> tuple[Components, tuple[Components, ...]]:
+    design, tensions, load = parameters
+    return TwoX(design).statics(q, tensions, load)
 
 
 def _directions(j1: _Joint, j2: _Joint) -> tuple[Component, ...]:

@@ -2,7 +2,7 @@
 beside it).
 """
 
-from tensegrity_envs.simulation.protocol import FAILURES, Simulation, State
-from tensegrity_envs.simulation.quasi_static import JointControl, TensionControl
+from tensegrity_envs.simulation.protocol import FAILURES, Episode, Simulation, State
+from tensegrity_envs.simulation.quasi_static import InputControl, JointControl, TensionControl
 
-__all__ = ["FAILURES", "JointControl", "Simulation", "State", "TensionControl"]
+__all__ = ["FAILURES", "Episode", "InputControl", "JointControl", "Simulation", "State", "TensionControl"]

@@ -4,21 +4,22 @@ from typing import Any, NamedTuple, Protocol
 
 from tensegrity_envs.mechanics.namespace import Component, Components
 
-RUNNING, UNSTABLE, WRENCH_INFEASIBLE, BUCKLED, JOINT_LIMIT = range(5)
+RUNNING, UNSTABLE, WRENCH_INFEASIBLE, BUCKLED, JOINT_LIMIT, OFF_TARGET = range(6)
 # Why an episode was terminated; `State.failure` indexes it.
-FAILURES = ("", "unstable", "wrench-infeasible", "buckled", "joint limit")
+FAILURES = ("", "unstable", "wrench-infeasible", "buckled", "joint limit", "off target")
 
 
 class State(NamedTuple):
-    """A manipulator at rest; every component is a float (one environment) or an array of shape (n,).
+    """A manipulator at rest.
 
     Attributes:
         configuration: joint angles [rad].
-        inputs: tensions [N].
+        inputs: tensions [N] or free lengths [m].
         tip: position (x, y) [m].
         stability_margin: [-], positive where stable; on failure that of the state that could not be reached.
         wrench_margin: [-], likewise.
         failure: index into FAILURES. The other fields then hold the last state that was stable and wrench-feasible.
+        time: steps since the episode began.
     """
 
     configuration: Components
@@ -27,24 +28,45 @@ class State(NamedTuple):
     stability_margin: Component
     wrench_margin: Component
     failure: Component
+    time: Component
+
+
+class Episode(NamedTuple):
+    """What stays the same during an episode.
+
+    Attributes:
+        design: of the mechanism, with its true parameters.
+        load: dead force at the tip (fx, fy) [N].
+        load_rate: what is added to it in every step [N].
+        goal: target position (x, y) [m], as float32 numbers.
+        solutions: feasible configurations that put the tip there, for the reward; none in the sparse form.
+    """
+
+    design: Any
+    load: Components
+    load_rate: Components
+    goal: Components
+    solutions: tuple[Components, ...] = ()
+
+    def load_at(self, time: Component) -> Components:
+        """The load after so many steps [N]."""
+        if not self.load_rate:
+            return self.load
+        return tuple(force + time * rate for force, rate in zip(self.load, self.load_rate, strict=True))
 
 
 class Simulation(Protocol):
-    """A way to drive a mechanism. `mechanism` is passed in, since its parameters may differ from episode to episode."""
+    """A way to drive a mechanism: pure functions on components."""
 
     action_size: int
     rate: float  # what an action component of 1 adds in one step
     rate_unit: str
 
-    def at(self, mechanism: Any, q: Components, *args: Any, **kwargs: Any) -> State:
-        """The state of rest in configuration q, under the inputs that follow where q alone does not fix them."""
+    def start(self, mechanism: Any, episode: Episode, q: Components, inputs: Components | None) -> State:
+        """The state of an arm that begins at rest in q, under these inputs or, if None, the usual ones."""
         ...
 
-    def start(self, mechanism: Any, q: Components) -> State:
-        """The state of an arm that begins in configuration q."""
-        ...
-
-    def advance(self, mechanism: Any, state: State, action: Components) -> State:
+    def advance(self, mechanism: Any, episode: Episode, state: State, action: Components) -> State:
         """The state one step later.
 
         Inputs saturate at their bounds; a state that leaves the feasible set is a failure.

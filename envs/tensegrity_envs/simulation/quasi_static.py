@@ -1,16 +1,24 @@
 """Quasi-static simulations: the arm is always in equilibrium, and actions move it slowly from one to the next."""
 
+from abc import ABC, abstractmethod
 from typing import Any
-
-import numpy as np
 
 from tensegrity_envs.mechanics.equilibrium import follow
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.two_x import TwoX
-from tensegrity_envs.simulation.protocol import BUCKLED, JOINT_LIMIT, RUNNING, UNSTABLE, WRENCH_INFEASIBLE, State
+from tensegrity_envs.simulation.protocol import (
+    BUCKLED,
+    JOINT_LIMIT,
+    RUNNING,
+    UNSTABLE,
+    WRENCH_INFEASIBLE,
+    Episode,
+    State,
+)
 
 
-def _clip(xp: Any, value: Component, low: float, high: float) -> Component:
+def clip(xp: Any, value: Component, low: Component, high: Component) -> Component:
+    """The value within [low, high]."""
     return xp.minimum(xp.maximum(value, low), high)
 
 
@@ -25,85 +33,139 @@ class JointControl:
     rate = 0.1
     rate_unit = "rad"
 
-    def at(self, mechanism: TwoX, q: Components) -> State:
-        """The state of rest in configuration q, with the stiffest tensions."""
+    def start(self, mechanism: TwoX, episode: Episode, q: Components, inputs: Components | None = None) -> State:
+        """See `Simulation.start`; the cables always take the stiffest tensions."""
         tensions, stability, wrench, tip = mechanism.posture_and_tip(q)
         xp = namespace_of(stability)
         failure = xp.where(wrench < 0, WRENCH_INFEASIBLE, xp.where(stability <= 0, UNSTABLE, RUNNING))
-        return State(q, tensions, tip, stability, wrench, failure)
+        return State(q, tensions, tip, stability, wrench, failure, 0.0 * stability)
 
-    def start(self, mechanism: TwoX, q: Components) -> State:
-        """The state of an arm that begins in configuration q."""
-        return self.at(mechanism, q)
-
-    def advance(self, mechanism: TwoX, state: State, action: Components) -> State:
+    def advance(self, mechanism: TwoX, episode: Episode, state: State, action: Components) -> State:
         """See `Simulation.advance`."""
         limit = mechanism.design.joint_limit
         xp = namespace_of(*state.configuration)
         q = tuple(
-            _clip(xp, angle + self.rate * a, -limit, limit)
-            for angle, a in zip(state.configuration, action, strict=True)
+            clip(xp, angle + self.rate * a, -limit, limit) for angle, a in zip(state.configuration, action, strict=True)
         )
-        new = self.at(mechanism, q)
-        return _keep_where_failed(xp, new, state)
+        new = self.start(mechanism, episode, q)._replace(time=state.time + 1)
+        return keep_where(xp, new.failure != RUNNING, new, state)
 
 
-class TensionControl:
-    """Actions are tension increments; the arm follows its stable equilibrium by continuation.
+class InputControl(ABC):
+    """Actions are increments of the mechanism's inputs; the arm follows its stable equilibrium by continuation.
 
-    Tensions saturate at their bounds. Loss of stability on the way is a failure ("buckled"), and so is a joint beyond
-    its limit; the arm is then left in the last stable state.
+    Inputs saturate at their bounds. Loss of stability on the way is a failure ("buckled"), and so is a joint beyond its
+    limit; the arm is then left in the last stable state.
     """
 
-    action_size = 4
-    rate = 15.0
-    rate_unit = "N"
-    resolution = 1 / 64  # of a step: how closely the last stable state before buckling is found
+    action_size: int
+    rate: float
+    rate_unit: str
+    resolution = 1 / 512  # of a step: how closely the last stable state before buckling is found
 
-    def at(self, mechanism: TwoX, q: Components, tensions: Components) -> State:
-        """The state of an arm in stable equilibrium at q under these tensions."""
-        stability = mechanism.stability_margin(q, tensions)
-        wrench = mechanism.wrench_margin(q, tensions)
-        failure = np.full(q[0].shape, RUNNING) if isinstance(q[0], np.ndarray) else RUNNING
-        return State(q, tensions, mechanism.tip(q), stability, wrench, failure)
+    @abstractmethod
+    def bounds(self, mechanism: Any) -> tuple[Component, Component]:
+        """Lowest and highest value of every input."""
 
-    def start(self, mechanism: TwoX, q: Components) -> State:
-        """The state of an arm that begins in configuration q, held by the stiffest tensions."""
-        return self.at(mechanism, q, mechanism.stiffest_tensions(q))
+    @abstractmethod
+    def statics(self, mechanism: Any, u: Components, inputs: Components, load: Components) -> Any:
+        """Gradient and Hessian of the energy in the coordinates in which the equilibrium is followed."""
 
-    def advance(self, mechanism: TwoX, state: State, action: Components) -> State:
+    def to_coordinates(self, mechanism: Any, q: Components) -> Components:
+        """The coordinates of a configuration in which its equilibrium is followed."""
+        return q
+
+    def from_coordinates(self, mechanism: Any, u: Components) -> Components:
+        """The configuration [rad]."""
+        return u
+
+    @abstractmethod
+    def margins(
+        self, mechanism: Any, q: Components, inputs: Components, load: Components
+    ) -> tuple[Component, Component]:
+        """Stability margin and wrench margin."""
+
+    @abstractmethod
+    def usual_inputs(self, mechanism: Any, q: Components, load: Components) -> Components:
+        """The inputs that hold q."""
+
+    def start(self, mechanism: Any, episode: Episode, q: Components, inputs: Components | None = None) -> State:
+        """See `Simulation.start`."""
+        load = episode.load_at(0)
+        inputs = self.usual_inputs(mechanism, q, load) if inputs is None else inputs
+        return self._at(mechanism, q, inputs, load, 0.0 * q[0])
+
+    def _at(self, mechanism: Any, q: Components, inputs: Components, load: Components, time: Component) -> State:
+        stability, wrench = self.margins(mechanism, q, inputs, load)
+        return State(q, inputs, mechanism.tip(q), stability, wrench, RUNNING, time)
+
+    def advance(self, mechanism: Any, episode: Episode, state: State, action: Components) -> State:
         """See `Simulation.advance`."""
-        design = mechanism.design
         xp = namespace_of(*state.configuration)
+        low, high = self.bounds(mechanism)
         old = state.inputs
-        new = tuple(
-            _clip(xp, f + self.rate * a, design.min_tension, design.max_tension)
-            for f, a in zip(old, action, strict=True)
-        )
+        new = tuple(clip(xp, f + self.rate * a, low, high) for f, a in zip(old, action, strict=True))
+        time = state.time + 1
+        load, next_load = episode.load_at(state.time), episode.load_at(time)
+        ramp = bool(episode.load_rate)
 
-        def path(u: Components, t: Component, index: Any) -> Any:
-            if index is None:
-                return mechanism.sine_statics(u, new)
-            between = tuple(_at(o, index) + t * (_at(n, index) - _at(o, index)) for o, n in zip(old, new, strict=True))
-            return mechanism.take(index).sine_statics(u, between)
+        def between(t: Component) -> tuple[Components, Components]:
+            inputs = tuple(o + t * (n - o) for o, n in zip(old, new, strict=True))
+            return inputs, tuple(o + t * (n - o) for o, n in zip(load, next_load, strict=True)) if ramp else load
 
-        u, fraction = follow(path, mechanism.to_sines(state.configuration), self.resolution)
-        q = mechanism.from_sines(u)
-        reached = self.at(mechanism, q, tuple(o + fraction * (n - o) for o, n in zip(old, new, strict=True)))
-        outside = (abs(q[0]) > design.joint_limit) | (abs(q[1]) > design.joint_limit)
-        buckled = fraction < 1.0
+        def path(u: Components, t: Component) -> Any:
+            return self.statics(mechanism, u, *between(t))
+
+        u, fraction = follow(path, self.to_coordinates(mechanism, state.configuration), self.resolution)
+        q = self.from_coordinates(mechanism, u)
+        reached = self._at(mechanism, q, *between(fraction), time)
+        outside: Component = abs(q[0]) > mechanism.design.joint_limit
+        for angle in q[1:]:
+            outside = outside | (abs(angle) > mechanism.design.joint_limit)
+        buckled = fraction < 1
         failure = xp.where(outside, JOINT_LIMIT, xp.where(buckled, BUCKLED, RUNNING))  # the limit was passed first
         # What buckles has lost its stiffness, whatever little was left at the last stable point.
         stability = xp.where(buckled, xp.minimum(reached.stability_margin, 0.0), reached.stability_margin)
         reached = reached._replace(failure=failure, stability_margin=stability)
-        return _keep_where_failed(xp, reached, state, outside)
+        return keep_where(xp, outside, reached, state)
 
 
-def _keep_where_failed(xp: Any, new: State, old: State, failed: Component = None) -> State:
-    """Replace configuration, inputs and tip of the failed by those before the step."""
-    failed = new.failure != RUNNING if failed is None else failed
-    if isinstance(failed, bool):
-        return new._replace(configuration=old.configuration, inputs=old.inputs, tip=old.tip) if failed else new
+class TensionControl(InputControl):
+    """The 2-X, driven by increments of its four cable tensions."""
+
+    action_size = 4
+    rate = 15.0
+    rate_unit = "N"
+
+    def bounds(self, mechanism: TwoX) -> tuple[Component, Component]:
+        """Lowest and highest tension [N]."""
+        return mechanism.design.min_tension, mechanism.design.max_tension
+
+    def statics(self, mechanism: TwoX, u: Components, inputs: Components, load: Components) -> Any:
+        """See `TwoX.sine_statics`."""
+        return mechanism.sine_statics(u, inputs)
+
+    def to_coordinates(self, mechanism: TwoX, q: Components) -> Components:
+        """See `TwoX.to_sines`."""
+        return mechanism.to_sines(q)
+
+    def from_coordinates(self, mechanism: TwoX, u: Components) -> Components:
+        """See `TwoX.from_sines`."""
+        return mechanism.from_sines(u)
+
+    def margins(
+        self, mechanism: TwoX, q: Components, inputs: Components, load: Components
+    ) -> tuple[Component, Component]:
+        """Those of the actual tensions."""
+        return mechanism.stability_margin(q, inputs), mechanism.wrench_margin(q, inputs)
+
+    def usual_inputs(self, mechanism: TwoX, q: Components, load: Components) -> Components:
+        """The stiffest tensions [N]."""
+        return mechanism.stiffest_tensions(q)
+
+
+def keep_where(xp: Any, failed: Component, new: State, old: State) -> State:
+    """Configuration, inputs and tip of the failed are those before the step."""
 
     def choose(before: Components, after: Components) -> Components:
         return tuple(xp.where(failed, b, a) for b, a in zip(before, after, strict=True))
@@ -113,7 +175,3 @@ def _keep_where_failed(xp: Any, new: State, old: State, failed: Component = None
         inputs=choose(old.inputs, new.inputs),
         tip=choose(old.tip, new.tip),
     )
-
-
-def _at(values: Component, index: Any) -> Component:
-    return values[index] if isinstance(values, np.ndarray) else values

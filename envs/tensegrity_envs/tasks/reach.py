@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs.mechanics.namespace import Component, Components
-from tensegrity_envs.mechanics.two_x import TwoX
 from tensegrity_envs.simulation.protocol import RUNNING, State
 
 
@@ -27,7 +26,7 @@ class RewardWeights:
             target runs into its boundary; this term knows the way round. It uses inverse solutions that the agent does
             not see.
         success: 1 while the tip is within tolerance.
-        effort: 1 without tension, 0 with every cable at its maximum.
+        effort: 1 with all inputs at zero, 0 with every input at its scale (tensions: at their maximum).
         stability: rises with the stability margin, up to 1 at 0.2.
         wrench: rises with the wrench margin, up to 1 at 0.2.
     """
@@ -60,14 +59,14 @@ class Reach:
     """Goal, success and reward of a reaching task.
 
     Attributes:
-        max_tension: scale of the effort [N].
+        input_scale: scale of the effort [N or m].
         joint_span: scale of the joint distance [rad].
         tolerance: the tip is on target within this distance [m].
         reward_type: "dense", or "sparse" (1 while on target, else 0).
         weights: of the dense reward.
     """
 
-    max_tension: float
+    input_scale: float
     joint_span: float
     tolerance: float = 0.005
     reward_type: str = "dense"
@@ -89,14 +88,14 @@ class Reach:
         return (error <= self.tolerance) & (failure == RUNNING)
 
     def effort(self, state: State) -> Component:
-        """Mean over the cables of (tension / max_tension)^2, between 0 and 1."""
+        """Mean over the inputs of (input / scale)^2."""
         total: Component = 0.0
         for f in state.inputs:
             total = total + f * f
-        return total / (len(state.inputs) * self.max_tension**2)
+        return total / (len(state.inputs) * self.input_scale**2)
 
     def reward_terms(
-        self, xp: Any, error: Component, state: State, solutions: tuple[Components, ...] | None
+        self, xp: Any, error: Component, state: State, solutions: tuple[Components, ...]
     ) -> dict[str, Component]:
         """The weighted terms of the reward by name; all zero in the step in which the episode fails.
 
@@ -104,56 +103,48 @@ class Reach:
             xp: namespace of the components.
             error: distance of the tip from the target [m].
             state: after the step.
-            solutions: configurations that solve the episode, at least one; None leaves the potential out (sparse
-                reward).
+            solutions: configurations that solve the episode; none leaves the potential out.
         """
         running = xp.where(state.failure == RUNNING, 1.0, 0.0)
         success = xp.where(error <= self.tolerance, running, 0.0)
-        if self.reward_type == "sparse" or solutions is None:
+        if self.reward_type == "sparse":
             return {"success": success}
         w = self.weights
-        gap: Component = None
-        for solution in solutions:
-            to_this: Component = 0.0
-            for angle, goal in zip(state.configuration, solution, strict=True):
-                to_this = xp.maximum(to_this, abs(angle - goal))
-            gap = to_this if gap is None else xp.minimum(gap, to_this)
-        closeness = 1.0 / (1.0 + xp.sqrt(error / self.tolerance))
-        return {
-            "distance": w.distance * running * closeness,
-            "potential": w.potential * running * xp.maximum(1.0 - gap / self.joint_span, 0.0),
+        terms = {"distance": w.distance * running / (1.0 + xp.sqrt(error / self.tolerance))}
+        if solutions:
+            gap = _nearest(xp, state.configuration, solutions)
+            terms["potential"] = w.potential * running * xp.maximum(1.0 - gap / self.joint_span, 0.0)
+        stability = xp.minimum(xp.maximum(state.stability_margin / _FULL_MARGIN, 0.0), 1.0)
+        wrench = xp.minimum(xp.maximum(state.wrench_margin / _FULL_MARGIN, 0.0), 1.0)
+        return terms | {
             "success": w.success * success,
             "effort": w.effort * running * (1.0 - self.effort(state)),
-            "stability": w.stability
-            * running
-            * xp.minimum(xp.maximum(state.stability_margin / _FULL_MARGIN, 0.0), 1.0),
-            "wrench": w.wrench * running * xp.minimum(xp.maximum(state.wrench_margin / _FULL_MARGIN, 0.0), 1.0),
+            "stability": w.stability * running * stability,
+            "wrench": w.wrench * running * wrench,
         }
 
 
-def feasible_solutions(
-    mechanism: TwoX, x: np.ndarray, y: np.ndarray, known: Components | None = None
-) -> tuple[Components, ...]:
-    """Configurations that put the tip at (x, y) and are stable and wrench-feasible, for every target of a batch.
+def _nearest(xp: Any, q: Components, solutions: tuple[Components, ...]) -> Component:
+    """Largest joint difference to the solution where that is smallest [rad]."""
+    gap: Component = None
+    for solution in solutions:
+        to_this: Component = 0.0
+        for angle, goal in zip(q, solution, strict=True):
+            to_this = xp.maximum(to_this, abs(angle - goal))
+        gap = to_this if gap is None else xp.minimum(gap, to_this)
+    return gap
 
-    Args:
-        mechanism: one design, or a batch of n.
-        x: shape (n,) [m].
-        y: shape (n,) [m].
-        known: one solution of each target, if there is one [rad].
 
-    Returns:
-        As many configurations as any target has, components of shape (n,); targets with fewer repeat theirs. A target
-        that has none gets the known one, or else infinity.
+def weights_from(given: dict[str, float] | RewardWeights | None) -> RewardWeights:
+    """Reward weights by name; those left out keep their default.
+
+    Raises:
+        ValueError: a name is unknown, or a weight negative or not finite.
     """
-    table = np.stack(mechanism.inverse_kinematics_batch(x, y))
-    row, column = np.nonzero(np.isfinite(table[0]))
-    good = mechanism.take(row).is_stable_wrench_feasible(tuple(table[:, row, column]))
-    table[:, row[~good], column[~good]] = np.nan
-    missing = np.isnan(table[0])
-    table = np.take_along_axis(table, np.argsort(missing, axis=1, kind="stable")[None], axis=2)
-    counts = (~missing).sum(axis=1)
-    none = counts == 0
-    table[:, none, 0] = np.inf if known is None else np.stack(known)[:, none]
-    table = np.where(np.isnan(table), table[:, :, :1], table)
-    return tuple((table[0][:, k].copy(), table[1][:, k].copy()) for k in range(max(int(counts.max(initial=1)), 1)))
+    if isinstance(given, RewardWeights):
+        return given
+    known = list(RewardWeights.__dataclass_fields__)
+    for name in given or {}:
+        if name not in known:
+            raise ValueError(f"reward_weights: no term {name!r}; there are {', '.join(known)}")
+    return RewardWeights(**(given or {}))

@@ -8,14 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import ndimage
 
+from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.equilibrium import follow
-from tensegrity_envs.mechanics.namespace import Components
+from tensegrity_envs.mechanics.namespace import Component, Components
 from tensegrity_envs.mechanics.two_x import TwoX, TwoXDesign
 from tensegrity_envs.seeding import EpisodeStream
 
 _MIN_MARGIN = 0.01  # of starts and targets, for both margins [-]
 _GRID = 161  # nodes along each angle, for telling connected pieces apart
 _PAYLOAD_LEVELS = 9
+_MOST_SOLUTIONS = 8  # of the inverse kinematics
 _MAX_ATTEMPTS = 1000
 _TARGET_DRAWS = 1 << 20  # first draw of the targets: beyond every draw of the starts
 
@@ -152,13 +154,47 @@ def _add_payload(
     """
     if not len(before):
         return q, np.zeros(0, bool)
-    weight = nominal.design.gravity
-    own = nominal.design.payload
+    end, fraction = evaluate(_change_payload, nominal.design, q, tensions, before, after)
+    return end, np.asarray(fraction >= 1.0)
 
-    def path(p: Components, t: Any, index: Any) -> Any:
-        part = slice(None) if index is None else index
-        payload = before[part] + t * (after[part] - before[part])
-        return nominal.sine_statics(p, tuple(f[part] for f in tensions), (0.0, -weight * (payload - own)))
 
-    u, fraction = follow(path, nominal.to_sines(q))
-    return nominal.from_sines(u), np.asarray(fraction >= 1.0)
+def _change_payload(
+    design: TwoXDesign, q: Components, tensions: Components, before: Component, after: Component
+) -> tuple[Components, Component]:
+    arm = TwoX(design)
+
+    def path(u: Components, t: Component) -> Any:
+        more = before + t * (after - before) - design.payload
+        return arm.sine_statics(u, tensions, (0.0, -design.gravity * more))
+
+    u, fraction = follow(path, arm.to_sines(q))
+    return arm.from_sines(u), fraction
+
+
+def feasible_solutions(
+    mechanism: TwoX, x: np.ndarray, y: np.ndarray, known: Components | None = None
+) -> tuple[Components, ...]:
+    """Configurations that put the tip at (x, y) and are stable and wrench-feasible, for every target of a batch.
+
+    Args:
+        mechanism: one design, or a batch of n.
+        x: shape (n,) [m].
+        y: shape (n,) [m].
+        known: one solution of each target, if there is one [rad].
+
+    Returns:
+        Eight configurations, the most that a target can have, components of shape (n,); targets with fewer repeat
+        theirs. A target that has none gets the known one, or else infinity.
+    """
+    table = np.stack(mechanism.inverse_kinematics_batch(x, y))
+    row, column = np.nonzero(np.isfinite(table[0]))
+    good = mechanism.take(row).is_stable_wrench_feasible(tuple(table[:, row, column]))
+    table[:, row[~good], column[~good]] = np.nan
+    missing = np.isnan(table[0])
+    table = np.take_along_axis(table, np.argsort(missing, axis=1, kind="stable")[None], axis=2)
+    counts = (~missing).sum(axis=1)
+    none = counts == 0
+    table[:, none, 0] = np.inf if known is None else np.stack(known)[:, none]
+    column = np.minimum(np.arange(_MOST_SOLUTIONS), np.maximum(counts, 1)[:, None] - 1)
+    table = np.take_along_axis(table, column[None], axis=2)
+    return tuple((table[0][:, k], table[1][:, k]) for k in range(_MOST_SOLUTIONS))

@@ -1,0 +1,134 @@
+"""The 2-X manipulator as a reaching environment."""
+
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from tensegrity_envs.arms.two_x_sampling import Sampler, feasible_solutions
+from tensegrity_envs.core import Core, Drawn
+from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
+from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
+from tensegrity_envs.simulation.protocol import Episode, State
+from tensegrity_envs.simulation.quasi_static import JointControl, TensionControl
+from tensegrity_envs.tasks.reach import Reach, RewardWeights, weights_from
+
+JOINT_LIMIT = 2.6  # [rad] shared with the MuJoCo variants, where a loop could flip beyond it
+CONTROLS: dict[str, type[JointControl] | type[TensionControl]] = {"joint": JointControl, "tension": TensionControl}
+
+
+def environment_design(design: TwoXDesign = MURALIDHARAN2022) -> TwoXDesign:
+    """The design as the environments use it: joint limits of at most 2.6 rad."""
+    return replace(design, joint_limit=min(design.joint_limit, JOINT_LIMIT))
+
+
+class TwoXReach(Core):
+    """The 2-X reaching environments.
+
+    Args:
+        design: of the arm that controllers are told about; joint limits beyond 2.6 rad are narrowed to that.
+        control: "joint" (two increments of at most 0.1 rad) or "tension" (four of at most 15 N).
+        payload_range: if given, every episode draws an unknown payload from it [kg], uniformly.
+        observe: "full", or "tip_and_inputs" (no joint angles, no margins).
+        reward_type: "dense" or "sparse".
+        reward_weights: of the dense reward, by name; those left out keep their default.
+        tolerance: success within this distance [m].
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+        TypeError: `design` is not a design.
+    """
+
+    input_name = "tensions"
+
+    def __init__(
+        self,
+        design: TwoXDesign = MURALIDHARAN2022,
+        control: Literal["joint", "tension"] = "joint",
+        payload_range: tuple[float, float] | None = None,
+        observe: Literal["full", "tip_and_inputs"] = "full",
+        reward_type: Literal["dense", "sparse"] = "dense",
+        reward_weights: dict[str, float] | RewardWeights | None = None,
+        tolerance: float = 0.005,
+    ) -> None:
+        if not isinstance(design, TwoXDesign):
+            raise TypeError(
+                f"design = {design!r}: must be a TwoXDesign, such as tensegrity_envs.mechanics.MURALIDHARAN2022"
+            )
+        if control not in CONTROLS:
+            raise ValueError(f"control = {control!r}: must be one of {', '.join(map(repr, CONTROLS))}")
+        if observe not in ("full", "tip_and_inputs"):
+            raise ValueError(f"observe = {observe!r}: must be 'full' or 'tip_and_inputs'")
+        if payload_range is not None and control != "tension":
+            raise ValueError(
+                "payload_range: needs control = 'tension' (in joint control the cables would give the payload away)"
+            )
+        self.control = control
+        self.design: TwoXDesign = environment_design(design)
+        self.nominal = TwoX(self.design)
+        self.simulation = CONTROLS[control]()
+        self.payload_range = payload_range
+        self.observe_all = observe == "full"
+        self.task = Reach(
+            input_scale=float(self.design.max_tension),
+            joint_span=2 * self.design.joint_limit,
+            tolerance=tolerance,
+            reward_type=reward_type,
+            weights=weights_from(reward_weights),
+        )
+        self.sampler = Sampler(self.design, payload_range)
+        self.reach = float(self.nominal.reach)
+        self.set_spaces(2 + 4 + (4 + 2 if self.observe_all else 0))
+
+    def mechanism(self, design: TwoXDesign) -> TwoX:
+        """See `Core.mechanism`."""
+        return TwoX(design)
+
+    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
+        """See `Core.draw`."""
+        drawn = self.sampler.draw(seed, episode)
+        x, y = (to_single(component) for component in drawn.mechanism.tip(drawn.target_configuration))
+        solutions: tuple[Components, ...] = ()
+        if self.task.reward_type == "dense":
+            solutions = feasible_solutions(drawn.mechanism, x, y, drawn.target_configuration)
+        return Drawn(
+            Episode(drawn.mechanism.design, (0.0, 0.0), (), (x, y), solutions), drawn.configuration, drawn.tensions
+        )
+
+    def observation(self, state: State) -> list[Component]:
+        """Components of the "observation" entry, each within [-1, 1].
+
+        tip / reach (2), tensions from -1 at their minimum to 1 at their maximum (4), and, if all is observed, sine and
+        cosine of each joint angle (4), stability and wrench margin m as m / (1 + |m|) (2).
+        """
+        xp = namespace_of(state.tip[0])
+        low, high = self.design.min_tension, self.design.max_tension
+        parts = [component / self.reach for component in state.tip]
+        parts += [(2 * f - (high + low)) / (high - low) for f in state.inputs]
+        if self.observe_all:
+            for angle in state.configuration:
+                parts += [xp.sin(angle), xp.cos(angle)]
+            parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
+        return parts
+
+    def hidden(self, episode: Episode) -> dict[str, Any]:
+        """The payload [kg]."""
+        return {"payload": episode.design.payload}
+
+    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
+        """See `Core.episode_of`."""
+        design = self.design
+        if self.payload_range is not None:
+            design = replace(design, payload=np.asarray(info["payload"], float))
+        solutions = feasible_solutions(TwoX(design), x, y) if self.task.reward_type == "dense" else ()
+        return Episode(design, (0.0, 0.0), (), (x, y), solutions)
+
+    def scene(self, episode: Episode, state: State) -> dict[str, Any]:
+        """See `Core.scene`."""
+        arm = self.mechanism(episode.design)
+        return {
+            "nodes": arm.nodes(state.configuration),
+            "members": arm.members,
+            "tensions": {f"cable {name}": f for name, f in zip(arm.input_names, state.inputs, strict=True)},
+            "tension_bounds": (self.design.min_tension, self.design.max_tension),
+        }
