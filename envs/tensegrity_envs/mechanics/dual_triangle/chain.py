@@ -1,0 +1,429 @@
+"""The serial arm of dual-triangles: n equal segments in series, six free lengths (of three segments) as inputs.
+
+Source: [Zhao2021] Zhao, Pashkevich, Klimchik, Chablat, "Kinematic control of compliant serial manipulators composed of
+dual-triangles", ICCCR 2021. Where a printed equation is wrong the docstring says so; docs/dual_triangle.md lists every
+correction, two of which matter most: the loaded control law has the wrong sign, and stability is not ensured under load.
+
+Conventions: q_i [rad] is the angle of segment i's moving triangle relative to its base triangle, counter-clockwise;
+q > 0 moves the tip towards +y, and the straight arm lies along +x. Pivot 1 is at (b1, 0), the next ones at distances
+b1 + b2, the tip P at b2 beyond the last. Spring 1 of a segment is the one on the +y side, which shortens for q > 0.
+`load` is a dead force at the tip (fx, fy) [N] in world axes; compression of the straight arm is fx < 0. There is no
+gravity.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_envs.mechanics import equilibrium as _equilibrium
+from tensegrity_envs.mechanics.design import Member
+from tensegrity_envs.mechanics.dual_triangle.checks import check_finite, check_single
+from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
+from tensegrity_envs.mechanics.dual_triangle.eigenvalues import smallest_eigenvalue
+from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment, Springs
+from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, namespace_of
+
+_NO_LOAD = (0.0, 0.0)
+
+
+class InverseSolution(NamedTuple):
+    """One solution of the inverse kinematics.
+
+    Attributes:
+        configuration: the angles [rad], those of the last two segments in (-pi, pi].
+        elbow: sign of the last angle: 1, -1, or 0 where the last two links are in line.
+        is_within_limits: whether every angle is within the joint limits.
+        singularity: see `DualTriangle.singularity` [m2].
+        residual: distance of its forward kinematics from the target [m].
+    """
+
+    configuration: tuple[float, ...]
+    elbow: int
+    is_within_limits: bool
+    singularity: float
+    residual: float
+
+
+class _Shape(NamedTuple):
+    """What a configuration fixes: the springs of every segment, and its link as seen from its pivot."""
+
+    springs: tuple[Springs, ...]
+    links: tuple[tuple[Component, Component], ...]  # from pivot to pivot, the last one to the tip [m]
+
+
+class DualTriangle:
+    """An arm of n segments of one design, or of a batch of designs.
+
+    A configuration is q = (q_1, ..., q_n) [rad]; free lengths are (spring 1 and spring 2 of segment 1, of segment 2,
+    ...), 2 n of them [m]; control inputs are (delta_1, ..., delta_n) [m]. Components are floats, NumPy arrays or Torch
+    tensors of any (broadcastable) shape.
+    """
+
+    def __init__(self, design: DualTriangleDesign = ZHAO2021_CAPTION, segments: int = 3) -> None:
+        if isinstance(segments, bool) or not isinstance(segments, int):
+            raise TypeError(f"segments = {segments!r}: must be an integer")
+        if segments < 1:
+            raise ValueError(f"segments = {segments!r}: must be 1 or more")
+        self.design = design
+        self.segments = self.degrees_of_freedom = segments
+        self.input_names = tuple(f"{side} {i + 1}" for i in range(segments) for side in ("upper", "lower"))
+        self.segment = DualTriangleSegment(design)
+        self.stiffness_scale = self.segment.stiffness_scale  # [N m/rad]
+        self._probe = self.segment._probe
+        self.link_lengths = (design.b1 + design.b2,) * (segments - 1) + (design.b2,)  # from pivot 1 to the tip [m]
+
+    def take(self, index: Any) -> "DualTriangle":
+        """The arms at `index` of a batch of designs; itself where there is one design only."""
+        if not isinstance(self._probe, np.ndarray):
+            return self
+        part = object.__new__(DualTriangle)
+        part.__dict__.update(
+            {name: value[index] if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
+        )
+        part.segment = self.segment.take(index)
+        part.design = part.segment.design
+        part.link_lengths = tuple(l[index] if isinstance(l, np.ndarray) else l for l in self.link_lengths)
+        return part
+
+    # ------------------------------------------------------------------------------------------------ geometry
+
+    @property
+    def reach(self) -> Any:
+        """Distance of the straight arm's tip from the base side A-B [m], 6 b of three symmetric segments."""
+        return self.design.b1 + sum(self.link_lengths)
+
+    def _xp(self, *components: Component) -> Any:
+        return namespace_of(self._probe, *components)
+
+    def _shape(self, xp: Any, q: Sequence[Component]) -> _Shape:
+        springs: list[Springs] = []
+        links: list[tuple[Component, Component]] = []
+        for qi, length in zip(q, self.link_lengths, strict=True):
+            s, c = xp.sin(qi / 2), xp.cos(qi / 2)
+            springs.append(self.segment.springs_at(xp, s, c))
+            sin, cos = 2 * s * c, (c - s) * (c + s)
+            if not links:
+                direction = cos, sin
+            else:
+                direction = direction[0] * cos - direction[1] * sin, direction[1] * cos + direction[0] * sin
+            links.append((length * direction[0], length * direction[1]))
+        return _Shape(tuple(springs), tuple(links))
+
+    def _links(self, xp: Any, q: Sequence[Component]) -> list[tuple[Component, Component]]:
+        links, turn = [], None
+        for qi, length in zip(q, self.link_lengths, strict=True):
+            turn = qi if turn is None else turn + qi
+            links.append((length * xp.cos(turn), length * xp.sin(turn)))
+        return links
+
+    @staticmethod
+    def _arms(links: Sequence[tuple[Component, Component]]) -> list[tuple[Component, Component]]:
+        """From every pivot to the tip [m]."""
+        arms = [links[-1]]
+        for x, y in reversed(links[:-1]):
+            arms.append((x + arms[-1][0], y + arms[-1][1]))
+        return arms[::-1]
+
+    def tip(self, q: Sequence[Component]) -> tuple[Component, Component]:
+        """Tip position (x, y) [m], [Zhao2021, Eq. 6] (x = b + 2b C1 + 2b C12 + b C123; the print loses a digit)."""
+        x, y = self._arms(self._links(self._xp(*q), q))[0]
+        return self.design.b1 + x, y
+
+    def jacobian(self, q: Sequence[Component]) -> tuple[Components, Components]:
+        """d tip / d q [m/rad]: two rows of n entries, [Zhao2021, Eq. 9] (whose first row lost J13 = -b S123)."""
+        arms = self._arms(self._links(self._xp(*q), q))
+        return tuple(-y for _, y in arms), tuple(x for x, _ in arms)
+
+    def singularity(self, q: Sequence[Component]) -> Component:
+        """How far the arm is from a singular configuration [m2/rad2]: 0 there.
+
+        det J of two segments; of more, sqrt(det J J^T), the product of the singular values (a singular arm has all
+        links in line: sin q_i = 0 for i > 1). Of one segment: the length of its link [m].
+        """
+        xp = self._xp(*q)
+        row_x, row_y = self.jacobian(q)
+        if self.segments == 1:
+            return xp.hypot(row_x[0], row_y[0])
+        minors = self._minors(row_x, row_y)
+        if len(minors) == 1:
+            return minors[0]
+        total = minors[0] * minors[0]
+        for minor in minors[1:]:
+            total = total + minor * minor
+        return xp.sqrt(total)
+
+    @staticmethod
+    def _minors(row_x: Components, row_y: Components) -> list[Component]:
+        n = len(row_x)
+        return [row_x[i] * row_y[j] - row_x[j] * row_y[i] for i in range(n) for j in range(i + 1, n)]
+
+    def nodes(self, q: Sequence[Component]) -> dict[str, tuple[Component, Component]]:
+        """Positions (x, y) [m] of the nodes.
+
+        Oi the pivot of segment i; Ai, Bi the corners of its base triangle and Di, Ci those of its moving triangle on
+        the +y and -y side of the straight arm; P the tip, midpoint of the last Di, Ci.
+        """
+        xp = self._xp(*q)
+        design = self.design
+        x, y = 0.0 * q[0] + design.b1, 0.0 * q[0]
+        cos, sin = 1.0, 0.0
+        nodes: dict[str, tuple[Component, Component]] = {}
+        turn = 0.0
+        for i, qi in enumerate(q, 1):
+            nodes[f"O{i}"] = x, y
+            for name, side in ((f"A{i}", design.a1), (f"B{i}", -design.a1)):
+                nodes[name] = x - design.b1 * cos - side * sin, y - design.b1 * sin + side * cos
+            turn = turn + qi
+            cos, sin = xp.cos(turn), xp.sin(turn)
+            for name, side in ((f"D{i}", design.a2), (f"C{i}", -design.a2)):
+                nodes[name] = x + design.b2 * cos - side * sin, y + design.b2 * sin + side * cos
+            end = x + design.b2 * cos, y + design.b2 * sin
+            x, y = end[0] + design.b1 * cos, end[1] + design.b1 * sin
+        nodes["P"] = end
+        return nodes
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """The sides of the triangles as bars, and the springs, whose free lengths are the inputs."""
+        design = self.design
+        members: list[Member] = []
+        for i in range(1, self.segments + 1):
+            for name, corners in ((f"base {i}", ("A", "B")), (f"moving {i}", ("D", "C"))):
+                first, second, pivot = f"{corners[0]}{i}", f"{corners[1]}{i}", f"O{i}"
+                members += [
+                    Member(f"{name} side", "bar", (first, second)),
+                    Member(f"{name} upper edge", "bar", (first, pivot)),
+                    Member(f"{name} lower edge", "bar", (second, pivot)),
+                ]
+        for i in range(1, self.segments + 1):
+            for side, ends, k, free in (
+                ("upper", ("A", "D"), design.k1, design.free_length1),
+                ("lower", ("B", "C"), design.k2, design.free_length2),
+            ):
+                members.append(
+                    Member(
+                        f"spring {side} {i}",
+                        "spring",
+                        (f"{ends[0]}{i}", f"{ends[1]}{i}"),
+                        stiffness=k,
+                        free_length=free,
+                        is_input=True,
+                        goes_slack=design.springs == "cable",
+                    )
+                )
+        return tuple(members)
+
+    def spring_lengths(self, q: Sequence[Component]) -> Components:
+        """Lengths of the springs [m], in the order of the free lengths."""
+        return tuple(length for qi in q for length in self.segment.spring_lengths(qi))
+
+    def spring_forces(self, q: Sequence[Component], free_lengths: Sequence[Component]) -> Components:
+        """Tensions of the springs [N], in the order of the free lengths; negative where a bilateral spring pushes."""
+        pairs = zip(q, _pairs(free_lengths), strict=True)
+        return tuple(force for qi, pair in pairs for force in self.segment.spring_forces(qi, pair))
+
+    def is_within_limits(self, q: Sequence[Component]) -> Component:
+        """Whether every angle is within the joint limits."""
+        return self.limit_margin(q) >= 0
+
+    def limit_margin(self, q: Sequence[Component]) -> Component:
+        """Distance of the angle that is nearest to its limit from it [rad]; negative outside."""
+        xp = self._xp(*q)
+        largest = abs(q[0])
+        for qi in q[1:]:
+            largest = xp.maximum(largest, abs(qi))
+        return self.design.joint_limit - largest
+
+    # ------------------------------------------------------------------------------------------------- statics
+
+    def potential_energy(
+        self, q: Sequence[Component], free_lengths: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> Component:
+        """Energy of the springs, less the load times the tip's position [J]."""
+        xp = self._xp(*q, *free_lengths, *load)
+        shape = self._shape(xp, q)
+        x, y = self._arms(shape.links)[0]
+        energy = -load[0] * (self.design.b1 + x) - load[1] * y
+        for springs, pair in zip(shape.springs, _pairs(free_lengths), strict=True):
+            energy = energy + self.segment.energy_of(xp, springs, pair)
+        return energy
+
+    def statics(
+        self, q: Sequence[Component], free_lengths: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> tuple[Components, tuple[Components, ...]]:
+        """Gradient [N m] and Hessian [N m/rad] of the potential energy in one evaluation.
+
+        g_i = -M_i(q_i) - (J^T F)_i, H_ij = K_i (i = j) + F . (tip - pivot max(i, j)): the second term is the load's
+        geometric stiffness, which [Zhao2021] leaves out.
+        """
+        xp = self._xp(*q, *free_lengths, *load)
+        shape = self._shape(xp, q)
+        fx, fy = load
+        gradient, stiffness, along = [], [], []
+        arms = self._arms(shape.links)
+        for springs, pair, (x, y) in zip(shape.springs, _pairs(free_lengths), arms, strict=True):
+            slope, k = self.segment.slope_and_stiffness(xp, springs, pair)
+            gradient.append(slope + fx * y - fy * x)
+            stiffness.append(k)
+            along.append(fx * x + fy * y)
+        n = self.segments
+        hessian = tuple(
+            tuple(along[max(i, j)] + stiffness[i] if i == j else along[max(i, j)] for j in range(n)) for i in range(n)
+        )
+        return tuple(gradient), hessian
+
+    def energy_gradient(
+        self, q: Sequence[Component], free_lengths: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> Components:
+        """Gradient of the potential energy in q [N m], n components; zero in equilibrium."""
+        return self.statics(q, free_lengths, load)[0]
+
+    def stiffness_matrix(
+        self, q: Sequence[Component], free_lengths: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> tuple[Components, ...]:
+        """Hessian of the potential energy [N m/rad], n rows; an equilibrium is stable where it is positive definite."""
+        return self.statics(q, free_lengths, load)[1]
+
+    def stability_margin(
+        self,
+        q: Sequence[Component],
+        free_lengths: Sequence[Component] | None = None,
+        load: Sequence[Component] = _NO_LOAD,
+    ) -> Component:
+        """Smallest eigenvalue of the Hessian divided by `stiffness_scale` = (k1 + k2) b1 b2 / 2, k b^2 if symmetric.
+
+        Without free lengths: at those of the control law for this configuration and load.
+        """
+        lengths = self.free_lengths(self.control(q, load)) if free_lengths is None else free_lengths
+        return smallest_eigenvalue(self.stiffness_matrix(q, lengths, load)) / self.stiffness_scale
+
+    # ------------------------------------------------------------------------------------------------- control
+
+    def load_torques(self, q: Sequence[Component], load: Sequence[Component]) -> Components:
+        """(J^T F)_i [N m]: the external moment on every segment."""
+        arms = self._arms(self._links(self._xp(*q, *load), q))
+        return tuple(load[1] * x - load[0] * y for x, y in arms)
+
+    def free_lengths(self, delta: Sequence[Component], common: Sequence[Component] | float = 0.0) -> Components:
+        """The 2 n free lengths [m] under n control inputs: L0 + common -+ delta for the springs 1 and 2 of a segment.
+
+        Args:
+            delta: n control inputs [m]; delta_i > 0 turns segment i towards q_i > 0.
+            common: added to both free lengths of a segment [m], one number or n of them: co-contraction where negative.
+        """
+        added = [common] * self.segments if isinstance(common, (int, float)) else common
+        pairs = zip(delta, added, strict=True)
+        return tuple(length for d, c in pairs for length in self.segment.free_lengths(d, c))
+
+    def control(
+        self,
+        q: Sequence[Component],
+        load: Sequence[Component] | None = None,
+        common: Sequence[Component] | float = 0.0,
+    ) -> Components:
+        """The n control inputs [m] that make q an equilibrium, under a load or without, [Zhao2021, Eqs. 4, 5].
+
+        Eq. 5 prints the external moment with the wrong sign, see `DualTriangleSegment.control`. That q is an equilibrium
+        does not make it stable: check `stability_margin`, and `delta_margin` for free lengths that would be negative.
+        """
+        added = [common] * self.segments if isinstance(common, (int, float)) else common
+        moments: Sequence[Component] = [0.0] * self.segments if load is None else self.load_torques(q, load)
+        return tuple(
+            self.segment.control(qi, moment, extra) for qi, moment, extra in zip(q, moments, added, strict=True)
+        )
+
+    def free_length_margin(self, free_lengths: Sequence[Component]) -> Component:
+        """The smallest of the free lengths [m]: negative where the inputs cannot be realized."""
+        xp = self._xp(*free_lengths)
+        smallest = free_lengths[0]
+        for length in free_lengths[1:]:
+            smallest = xp.minimum(smallest, length)
+        return smallest
+
+    # ---------------------------------------------------------------------------------------------- equilibria
+
+    def equilibrium(
+        self, free_lengths: Sequence[Component], start: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> _equilibrium.Equilibrium:
+        """The equilibrium that the arm reaches from rest at `start`, see `equilibrium.settle`.
+
+        Args:
+            free_lengths: 2 n of them [m], each a float or an array of shape (m,).
+            start: n angles [rad].
+            load: (fx, fy) [N].
+
+        Returns:
+            Configuration [rad], residual [N m], is_stable, and the reason in words.
+
+        Raises:
+            ValueError: a number is NaN or infinite, or there are not 2 n free lengths and n angles.
+        """
+        check_finite("free_lengths", free_lengths, 2 * self.segments)
+        check_finite("start", start, self.segments)
+        check_finite("load", load, 2)
+
+        def statics(q: Components, index: Any) -> tuple[Components, tuple[Components, ...]]:
+            if index is None:
+                return self.statics(q, free_lengths, load)
+            inputs, forces = (
+                tuple(value[index] if np.ndim(value) else value for value in values) for values in (free_lengths, load)
+            )
+            return self.take(index).statics(q, inputs, forces)
+
+        return _equilibrium.settle(statics, start, self.design.joint_limit)
+
+    # ---------------------------------------------------------------------------------------- inverse kinematics
+
+    def inverse_kinematics(self, x: float, y: float, *first: float) -> list[InverseSolution]:
+        """All configurations with the given first n - 2 angles whose tip is at (x, y) [m], [Zhao2021, Eq. 7].
+
+        The two-link inverse in closed form, for three segments given q1: with (u, v) the target seen from pivot n - 1,
+        cos q_n = (u^2 + v^2 - l^2 - b2^2) / (2 l b2), l = b1 + b2. The print has atan for atan2 and lost its
+        parentheses; its "5 b^2" is right. Solutions beyond the joint limits are given too, and marked.
+
+        Returns:
+            Two solutions, elbow +1 first, one where both are the same, none where the target is out of reach.
+
+        Raises:
+            ValueError: a number is not finite, there are not n - 2 angles, the arm has one segment only, or it is a
+                batch of designs.
+        """
+        check_single(self._probe, "inverse_kinematics")
+        check_finite("target", (x, y), 2)
+        if self.segments < 2:
+            raise ValueError("inverse_kinematics: the tip of one segment has no two coordinates to choose")
+        check_finite("the first angles", first, self.segments - 2)
+        long, short = float(self.link_lengths[-2]), float(self.link_lengths[-1])
+        px, py, turn = float(self.design.b1), 0.0, 0.0
+        for angle, length in zip(first, self.link_lengths, strict=False):
+            turn += angle
+            px, py = px + length * math.cos(turn), py + length * math.sin(turn)
+        u, v = x - px, y - py
+        distance = math.hypot(u, v)
+        # 1 -+ cos q_n by products: no digits are lost where the elbow is stretched or folded
+        stretch = (long + short - distance) * (long + short + distance)
+        folding = (distance - long + short) * (distance + long - short)
+        slop = 1e-13 * (long + short) ** 2
+        if stretch < -slop or folding < -slop:
+            return []
+        q_n = 2 * math.atan2(math.sqrt(max(stretch, 0.0)), math.sqrt(max(folding, 0.0)))
+        solutions = []
+        for elbow in (1, -1) if slop < stretch and slop < folding else (0,):
+            last = -q_n if elbow < 0 else q_n
+            before = math.atan2(v, u) - math.atan2(short * math.sin(last), long + short * math.cos(last)) - turn
+            q = (*(float(angle) for angle in first), wrap(before), last)
+            end = self.tip(q)
+            residual = math.hypot(end[0] - x, end[1] - y)
+            solutions.append(InverseSolution(q, elbow, bool(self.is_within_limits(q)), self.singularity(q), residual))
+        return solutions
+
+
+def wrap(angle: Component) -> Component:
+    """The same direction in (-pi, pi]."""
+    return math.pi - (math.pi - angle) % (2 * math.pi)
+
+
+def _pairs(free_lengths: Sequence[Component]) -> list[tuple[Component, Component]]:
+    return [(free_lengths[i], free_lengths[i + 1]) for i in range(0, len(free_lengths), 2)]
