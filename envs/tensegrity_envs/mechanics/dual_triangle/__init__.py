@@ -2,6 +2,7 @@
 
 from tensegrity_envs.mechanics.dual_triangle.chain import DualTriangle, InverseSolution
 from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, ZHAO2021_TEXT, DualTriangleDesign
+from tensegrity_envs.mechanics.dual_triangle.redundancy import Redundancy
 from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment, Fold
 
 __all__ = [
@@ -12,4 +13,5 @@ __all__ = [
     "DualTriangleSegment",
     "Fold",
     "InverseSolution",
+    "Redundancy",
 ]

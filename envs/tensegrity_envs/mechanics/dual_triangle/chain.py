@@ -22,6 +22,7 @@ from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.mechanics.dual_triangle.checks import check_finite, check_single
 from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.eigenvalues import smallest_eigenvalue
+from tensegrity_envs.mechanics.dual_triangle.redundancy import Links, Objective, Redundancy, resolve
 from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment, Springs
 from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, namespace_of
 
@@ -418,6 +419,88 @@ class DualTriangle:
             residual = math.hypot(end[0] - x, end[1] - y)
             solutions.append(InverseSolution(q, elbow, bool(self.is_within_limits(q)), self.singularity(q), residual))
         return solutions
+
+    def redundancy(
+        self,
+        x: Component,
+        y: Component,
+        start: Sequence[Component],
+        objective: Objective = "squares",
+        joint_limit: Component | None = None,
+    ) -> Redundancy:
+        """The configuration with the tip at (x, y) that is nearest to a start, by one of three measures.
+
+        "sum" of the joints' displacements [Zhao2021, objective a], the largest of them, "max" (b), or the sum of their
+        "squares" (c), minimized over the whole self-motion curve within the joint limits (which the paper's objectives
+        ignore), see `redundancy.py`. The optimum jumps along a path of targets, most often for "sum".
+
+        Args:
+            x: target [m], a float or an array of shape (m,).
+            y: target [m].
+            start: (q1, q2, q3) [rad], floats or arrays of shape (m,).
+            objective: "sum", "max" or "squares".
+            joint_limit: |q_i| is at most this [rad]; None for the design's, infinity for none (displacements are then
+                measured the shorter way round).
+
+        Returns:
+            Configuration, value of the objective, and for a target that cannot be reached the nearest point that can.
+
+        Raises:
+            ValueError: a number is not finite, the objective is not one of the three, the arm has not three segments,
+                or its triangles' heights are those of a batch of designs.
+        """
+        if self.segments != 3:
+            raise ValueError(f"redundancy: for three segments, not for {self.segments}")
+        check_finite("target", (x, y), 2)
+        check_finite("start", start, 3)
+        single = not is_batch(x, y, *start, self._probe)
+        limit = np.asarray(self.design.joint_limit if joint_limit is None else joint_limit, float)
+        if not np.all(limit > 0):
+            raise ValueError(f"joint_limit = {joint_limit!r}: must be positive")
+        shape = np.broadcast_shapes((1,), np.shape(x), np.shape(y), limit.shape, *(np.shape(s) for s in start))
+        px, py, bound = (np.broadcast_to(np.asarray(value, float), shape) for value in (x, y, limit))
+        origin = np.stack([np.broadcast_to(np.asarray(value, float), shape) for value in start])
+        found = resolve(self._plain_links(), px, py, origin, objective, bound)
+        if not single:
+            return found
+        q, value, reachable, nearest, distance = found
+        return Redundancy(
+            tuple(float(qi[0]) for qi in q),
+            float(value[0]),
+            bool(reachable[0]),
+            (float(nearest[0][0]), float(nearest[1][0])),
+            float(distance[0]),
+        )
+
+    def _plain_links(self) -> Links:
+        if isinstance(self.design.b1, np.ndarray) or isinstance(self.design.b2, np.ndarray):
+            raise ValueError("inverse kinematics takes one set of triangle heights, not a batch of them")
+        return Links(float(self.design.b1), float(self.design.b1 + self.design.b2), float(self.design.b2))
+
+    def moore_penrose_step(
+        self, q: Sequence[Component], x: Component, y: Component, damping: float = 0.0
+    ) -> Components:
+        """J^+ (target - tip): the smallest step of the angles [rad] that leads to (x, y) to first order.
+
+        [Zhao2021, Eq. 16] is this pseudo-inverse where J has rank two; at the straight arm, where it is undefined, this
+        one steps along what is left of J. One step from near there is of no use: the linear model holds for 0.05 b.
+
+        Args:
+            q: n angles [rad], floats or arrays of shape (m,).
+            x: target [m].
+            y: target [m].
+            damping: [m], of damped least squares: J^T (J J^T + damping^2)^-1.
+        """
+        tip = self.tip(q)
+        rows = np.moveaxis(np.array(np.broadcast_arrays(*(e for row in self.jacobian(q) for e in row)), float), 0, -1)
+        u, sizes, vt = np.linalg.svd(rows.reshape(*rows.shape[:-1], 2, self.segments), full_matrices=False)
+        floor = 1e-12 * np.asarray(self.reach)[..., None]
+        factors = np.where(sizes > floor, sizes / (np.maximum(sizes, floor) ** 2 + damping**2), 0.0)
+        error = np.stack(np.broadcast_arrays(x - tip[0], y - tip[1]), axis=-1)
+        step = np.einsum("...ki,...k,...jk,...j->...i", vt, factors, u, error)
+        if is_batch(self._probe, x, y, *q):
+            return tuple(np.moveaxis(step, -1, 0))
+        return tuple(float(value) for value in step)
 
 
 def wrap(angle: Component) -> Component:

@@ -14,7 +14,7 @@ from tensegrity_envs.mechanics.design import take
 from tensegrity_envs.mechanics.dual_triangle import one_segment
 from tensegrity_envs.mechanics.dual_triangle.checks import check_finite, check_single
 from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
+from tensegrity_envs.mechanics.namespace import Component, namespace_of
 
 # Added to cos(theta/2), which no rounded angle makes smaller than 1e-17 unless it is exactly 0: changes nothing else.
 _NOT_ZERO = 1e-30
