@@ -2,7 +2,7 @@
 
 Source: [Zhao2021] Zhao, Pashkevich, Klimchik, Chablat, "Kinematic control of compliant serial manipulators composed of
 dual-triangles", ICCCR 2021. Where a printed equation is wrong the docstring says so; docs/dual_triangle.md lists every
-correction, two of which matter most: the loaded control law has the wrong sign, and stability is not ensured under load.
+correction. Two matter most: the loaded control law has the wrong sign, and stability is not ensured under load.
 
 Conventions: q_i [rad] is the angle of segment i's moving triangle relative to its base triangle, counter-clockwise;
 q > 0 moves the tip towards +y, and the straight arm lies along +x. Pivot 1 is at (b1, 0), the next ones at distances
@@ -326,8 +326,9 @@ class DualTriangle:
     ) -> Components:
         """The n control inputs [m] that make q an equilibrium, under a load or without, [Zhao2021, Eqs. 4, 5].
 
-        Eq. 5 prints the external moment with the wrong sign, see `DualTriangleSegment.control`. That q is an equilibrium
-        does not make it stable: check `stability_margin`, and `delta_margin` for free lengths that would be negative.
+        Eq. 5 prints the external moment with the wrong sign, see `DualTriangleSegment.control`. That q is an
+        equilibrium does not make it stable: check `stability_margin`, and `free_length_margin` for free lengths that
+        would be negative.
         """
         added = [common] * self.segments if isinstance(common, (int, float)) else common
         moments: Sequence[Component] = [0.0] * self.segments if load is None else self.load_torques(q, load)

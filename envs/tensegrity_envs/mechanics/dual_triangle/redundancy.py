@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.mechanics.dual_triangle.self_motion import SelfMotion, self_motions, with_one_angle
+from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, SelfMotion, self_motions, with_one_angle
 from tensegrity_envs.mechanics.namespace import Component, Components
 
 Objective = Literal["sum", "max", "squares"]
@@ -21,6 +21,9 @@ _OBJECTIVES = ("sum", "max", "squares")
 _SAMPLES = 96  # of the curve or curves of one target
 _BLOCK = 256  # targets at a time: their samples stay in the cache
 _ON_LIMIT = 1e-9  # [rad]: as far beyond its limit as rounding may leave an angle
+_BENT = 1.3  # an arc between two samples is at most this much longer than its chord
+# of the golden section; kinks of "max" are found to their last digits, elsewhere the minima are flat or known
+_ITERATIONS = {"sum": 32, "max": 46, "squares": 32}
 _GOLDEN = (math.sqrt(5) - 1) / 2
 
 
@@ -86,130 +89,138 @@ def objective_of(name: str, wraps: bool) -> Callable[[Any, Any], np.ndarray]:
 
 def resolve(links: Links, x: np.ndarray, y: np.ndarray, start: Any, objective: str, limit: np.ndarray) -> Redundancy:
     """`DualTriangle.redundancy` on arrays: targets of shape (n,), start three of them, limit [rad] of shape (n,)."""
-    n = len(x)
-    q = np.empty((3, n))
-    value, reached = np.empty(n), np.empty(n, bool)
-    nearest = np.empty((2, n))
-    for first in range(0, n, _BLOCK):
-        part = slice(first, first + _BLOCK)
-        q[:, part], value[part], reached[part] = _resolve_block(
-            links, x[part], y[part], start[:, part], objective, limit[part]
-        )
-    nearest[0], nearest[1] = x, y
+    search = _Search(links, x, y, start, objective, limit)
+    search.offer_known_angles()
+    for index, curve in self_motions(x, y, *links):
+        search.search(index, curve)
+    q, value, reached = search.q, search.best, np.isfinite(search.best)
+    nearest = np.stack([x, y])
     missed = np.flatnonzero(~reached)
     if len(missed):
         q[:, missed] = nearest_configurations(links, x[missed], y[missed], limit[missed])
         nearest[:, missed] = links.tip(q[:, missed])
-        wraps = bool(np.isinf(limit[missed]).all())
-        value[missed] = objective_of(objective, wraps)(q[:, missed], start[:, missed])
+        value[missed] = search.measure(q[:, missed], start[:, missed])
     distance = np.hypot(nearest[0] - x, nearest[1] - y)
     return Redundancy((q[0], q[1], q[2]), value, reached, (nearest[0], nearest[1]), distance)
-
-
-def _resolve_block(
-    links: Links, x: np.ndarray, y: np.ndarray, start: np.ndarray, objective: str, limit: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    limited = bool(np.isfinite(limit).any())
-    measure = objective_of(objective, not limited)
-    best = np.full(len(x), np.inf)
-    q = np.zeros((3, len(x)))
-
-    def offer(owner: np.ndarray, candidates: Any, allowed: np.ndarray) -> None:
-        """Candidates of shape (targets in owner, any number)."""
-        values = np.where(allowed, measure(candidates, start[:, owner, None]), np.inf)
-        column = values.argmin(axis=1)
-        row = np.arange(len(owner))
-        better = values[row, column] < best[owner]
-        chosen = owner[better]
-        best[chosen] = values[row, column][better]
-        for component, candidate in zip(q, candidates, strict=True):
-            component[chosen] = candidate[row, column][better]
-
-    everyone = np.arange(len(x))
-    roomy = limit[:, None] + _ON_LIMIT
-    for joint in range(3):
-        values = []
-        if limited:
-            values += [-limit[:, None], limit[:, None]]
-        if objective == "sum":
-            values.append(start[joint][:, None])
-        if values:
-            given = np.concatenate(values, axis=1)
-            given = np.where(np.isfinite(given), given, 0.0)
-            for found, exists in with_one_angle(x[:, None], y[:, None], *links, joint, given):
-                offer(everyone, found, exists & _within(found, roomy))
-    for index, curve in self_motions(x, y, *links):
-        _search_curves(index, curve, measure, start, roomy, best, offer, 46 if objective == "max" else 34)
-    return q, best, np.isfinite(best)
 
 
 def _within(q: Any, limit: np.ndarray) -> np.ndarray:
     return np.asarray((np.abs(q[0]) <= limit) & (np.abs(q[1]) <= limit) & (np.abs(q[2]) <= limit))
 
 
-def _search_curves(
-    index: np.ndarray,
-    curve: SelfMotion,
-    measure: Callable[[Any, Any], np.ndarray],
-    start: np.ndarray,
-    limit: np.ndarray,
-    best: np.ndarray,
-    offer: Callable[[np.ndarray, Any, np.ndarray], None],
-    iterations: int,
-) -> None:
-    loop, s, before, after = curve.grid(_SAMPLES)
-    q = curve.at(np.arange(len(index))[:, None], loop, s)
-    origin = start[:, index, None]
-    values = measure(q, origin)
-    bound = limit[index]
-    offer(index, q, _within(q, bound))
-    # Local minima among the samples; those that cannot come near the best feasible value, or near a feasible
-    # configuration, are left out: the objective changes by no more than its measure of the step.
-    row, column = np.nonzero((values <= values[:, before]) & (values < values[:, after]))
-    beside = before[column], after[column]
-    here = np.stack([component[row, column] for component in q])
-    excess = np.zeros(len(row))
-    for component in q:
-        excess = np.maximum(excess, np.abs(component[row, column]) - bound[row, 0])
-    drop, room = np.zeros(len(row)), np.zeros(len(row))
-    for neighbour in beside:
-        there = np.stack([component[row, neighbour] for component in q])
-        step = np.abs(there - here)
-        step = np.minimum(step, 2 * math.pi - step)
-        room = np.maximum(room, step.max(axis=0))
-        drop = np.maximum(drop, values[row, neighbour] - values[row, column] + step.sum(axis=0))
-    promising = (excess <= 2 * room) & (values[row, column] - 2 * drop <= best[index[row]])
-    row, column = row[promising], column[promising]
-    if not len(row):
-        return
-    loop_there, middle = loop[column], s[column]
-    width = 2 * math.pi / (_SAMPLES if curve.kind == "single" else _SAMPLES // 2)
-    low, high = middle - width, middle + width
-    starts = start[:, index[row]]
+class _Search:
+    """The best configuration of every target so far, and what can still improve on it."""
 
-    def at(place: np.ndarray) -> np.ndarray:
-        return measure(curve.at(row, loop_there, place), starts)
+    def __init__(self, links: Links, x: np.ndarray, y: np.ndarray, start: Any, objective: str, limit: Any) -> None:
+        self.links, self.x, self.y, self.start, self.objective, self.limit = links, x, y, start, objective, limit
+        self.limited = bool(np.isfinite(limit).any())
+        self.measure = objective_of(objective, not self.limited)
+        self.bound = limit + _ON_LIMIT
+        self.best = np.full(len(x), np.inf)
+        self.q = np.zeros((3, len(x)))
 
-    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_left, at_right = at(left), at(right)
-    for _ in range(iterations):
-        go_left = at_left <= at_right
-        low, high = np.where(go_left, low, left), np.where(go_left, right, high)
-        inner = np.where(go_left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
-        value = at(inner)
-        left, right = np.where(go_left, inner, right), np.where(go_left, left, inner)
-        at_left, at_right = np.where(go_left, value, at_right), np.where(go_left, at_left, value)
-    place = np.where(at_left <= at_right, left, right)
-    found = curve.at(row, loop_there, place)
-    allowed = _within(found, bound[row, 0])
-    # one target may own several minima: the best last
-    order = np.argsort(-np.where(allowed, measure(found, starts), np.inf), kind="stable")
-    order = order[allowed[order]]
-    found = tuple(component[order][:, None] for component in found)
-    owner = index[row[order]]
-    for_each = {int(o): i for i, o in enumerate(owner)}
-    keep = np.fromiter(for_each.values(), int, len(for_each))
-    offer(owner[keep], tuple(component[keep] for component in found), np.ones((len(keep), 1), bool))
+    def offer(self, owner: np.ndarray, candidates: Any, allowed: np.ndarray) -> None:
+        """Candidates of every target in `owner` (each once), of shape (targets, any number)."""
+        values = np.where(allowed, self.measure(candidates, self.start[:, owner, None]), np.inf)
+        column = values.argmin(axis=1)
+        row = np.arange(len(owner))
+        better = values[row, column] < self.best[owner]
+        chosen, row, column = owner[better], row[better], column[better]
+        self.best[chosen] = values[row, column]
+        for component, candidate in zip(self.q, candidates, strict=True):
+            component[chosen] = candidate[row, column]
+
+    def offer_known_angles(self) -> None:
+        """The ends of the arcs that the limits leave of the curves, and the kinks of "sum"."""
+        everyone = np.arange(len(self.x))
+        for joint in range(3):
+            given = [-self.limit, self.limit] if self.limited else []
+            if self.objective == "sum":
+                given.append(self.start[joint])
+            if not given:
+                continue
+            angles = np.stack(given, axis=1)
+            angles = np.where(np.isfinite(angles), angles, 0.0)
+            for found, exists in with_one_angle(self.x[:, None], self.y[:, None], *self.links, joint, angles):
+                self.offer(everyone, found, exists & _within(found, self.bound[:, None]))
+
+    def search(self, index: np.ndarray, curve: SelfMotion) -> None:
+        """Sample the curves of the targets `index`, and refine what may hold a better minimum."""
+        brackets = [self._brackets(index, curve, part) for part in _parts(len(index), _BLOCK)]
+        row, loop, middle, floor = (np.concatenate(values) for values in zip(*brackets, strict=True))
+        left = floor <= self.best[index[row]]
+        row, loop, middle = row[left], loop[left], middle[left]
+        width = 2 * math.pi / (_SAMPLES if curve.kind == SINGLE else _SAMPLES // 2)
+        for part in _parts(len(row), 4096):
+            self._refine(index, curve, row[part], loop[part], middle[part], width)
+
+    def _brackets(self, index: np.ndarray, curve: SelfMotion, part: slice) -> tuple[np.ndarray, ...]:
+        """Local minima among the samples of a block of targets that may lead below the best value so far.
+
+        Returns the targets, loop and s of the samples, and a bound of the objective between their neighbours.
+        """
+        rows = np.arange(len(index))[part]
+        loop, s, before, after = curve.grid(_SAMPLES)
+        q = curve.at(rows[:, None], loop, s)
+        owner = index[rows]
+        values = self.measure(q, self.start[:, owner, None])
+        self.offer(owner, q, _within(q, self.bound[owner, None]))
+        row, column = np.nonzero((values <= values[:, before]) & (values < values[:, after]))
+        here = np.stack([component[row, column] for component in q])
+        excess = np.abs(here).max(axis=0) - self.bound[owner[row]]
+        # In its own norm (1, infinity or 2) the objective (the root of "squares") changes by no more than the arc.
+        root = np.sqrt if self.objective == "squares" else np.asarray
+        middle, floor, room = root(values[row, column]), np.full(len(row), np.inf), np.zeros(len(row))
+        for neighbour in (before[column], after[column]):
+            step = np.abs(np.stack([component[row, neighbour] for component in q]) - here)
+            step = np.minimum(step, 2 * math.pi - step)
+            room = np.maximum(room, step.max(axis=0))
+            if self.objective == "squares":
+                arc = np.sqrt((step * step).sum(axis=0))
+            else:
+                arc = step.sum(axis=0) if self.objective == "sum" else step.max(axis=0)
+            beside = root(values[row, neighbour])
+            floor = np.minimum(floor, np.maximum((middle + beside - _BENT * arc) / 2, 0.0))
+        if self.objective == "squares":
+            floor = floor * floor
+        left = (excess <= _BENT * room) & (floor <= self.best[owner[row]])
+        row, column = row[left], column[left]
+        return rows[row], loop[column], s[column], floor[left]
+
+    def _refine(
+        self, index: np.ndarray, curve: SelfMotion, row: np.ndarray, loop: np.ndarray, middle: np.ndarray, width: float
+    ) -> None:
+        """Golden section search, of all brackets at once; a kink is a minimum like any other."""
+        owner = index[row]
+        start = self.start[:, owner]
+
+        def at(place: np.ndarray) -> np.ndarray:
+            return self.measure(curve.at(row, loop, place), start)
+
+        low, high = middle - width, middle + width
+        left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        at_left, at_right = at(left), at(right)
+        for _ in range(_ITERATIONS[self.objective]):
+            go_left = at_left <= at_right
+            low, high = np.where(go_left, low, left), np.where(go_left, right, high)
+            inner = np.where(go_left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+            value = at(inner)
+            left, right = np.where(go_left, inner, right), np.where(go_left, left, inner)
+            at_left, at_right = np.where(go_left, value, at_right), np.where(go_left, at_left, value)
+        found = curve.at(row, loop, np.where(at_left <= at_right, left, right))
+        values = np.where(_within(found, self.bound[owner]), self.measure(found, start), np.inf)
+        order = np.lexsort((values, owner))  # of several minima of one target the best comes first
+        _, first = np.unique(owner[order], return_index=True)
+        chosen = order[first]
+        self.offer(
+            owner[chosen],
+            tuple(component[chosen, None] for component in found),
+            np.isfinite(values[chosen])[:, None],
+        )
+
+
+def _parts(count: int, size: int) -> list[slice]:
+    return [slice(first, min(first + size, count)) for first in range(0, max(count, 1), size)]
 
 
 def nearest_configurations(links: Links, x: np.ndarray, y: np.ndarray, limit: np.ndarray) -> np.ndarray:

@@ -210,9 +210,9 @@ class DualTriangleSegment:
         return xp.where(xp.minimum(s1 + delta, s2 - delta) >= 0, delta, alone)
 
     def sensitivity(self, q: Component, moment: Component = 0.0, common: Component = 0.0) -> Component:
-        """d delta / dq [m/rad] along `control` at a constant moment: stiffness at the commanded angle / (k1 h1 + k2 h2).
+        """Sensitivity d delta / dq [m/rad] of `control` at a constant moment.
 
-        It has the sign of the stiffness. [Zhao2021, figure 3] plots a "sensitivity" that its text does not define.
+        The stiffness at the commanded angle divided by k1 h1 + k2 h2: it has the stiffness's sign. [Zhao2021, figure 3] plots a "sensitivity" that its text does not define.
         """
         xp = self._xp(q, moment, common)
         first, second = springs = self.springs(xp, q)
@@ -283,7 +283,7 @@ class DualTriangleSegment:
 
     @property
     def wells(self) -> tuple[float, float] | None:
-        """The two stable angles [rad] of an unloaded symmetric segment at delta = 0; None where q = 0 is the stable one.
+        """The two stable angles [rad] of an unloaded symmetric segment at delta = 0, None where q = 0 is stable.
 
         cos(q/2) = L0 b / (2 (b^2 - a^2)). They lie inside the joint limits only if L0 > `well_threshold`: otherwise
         None too, although q = 0 is unstable; the segment rests on a stop.
@@ -299,7 +299,7 @@ class DualTriangleSegment:
 
     @property
     def well_threshold(self) -> float:
-        """L0 [m] above which the wells of a symmetric segment with a < b lie inside its stops: 2 a (b^2 - a^2) / (b c)."""
+        """2 a (b^2 - a^2) / (b c) [m]: the wells of a symmetric segment lie inside its stops if L0 is larger."""
         self._require_symmetric("well_threshold")
         a, b = self.design.a1, self.design.b1
         return float(self.monotone_threshold * a / np.hypot(a, b))

@@ -1,11 +1,11 @@
 """All configurations of a three-segment arm with its tip at one point: closed curves, smoothly parametrized.
 
 With D, psi the target's polar coordinates about pivot 1, w = q1 - psi, l the long links and b2 the last one, the
-distance rho of the target from pivot 2 is rho^2 = D^2 + l^2 - 2 D l cos w. The last two links reach it where b1 = l - b2
-<= rho <= l + b2: for w between -w_hi and w_hi (D >= l + b1), for w_lo <= |w| <= w_hi (D between), or for every w
-(D <= b2). At the ends of these intervals the elbow (the sign of q3) changes; as a function of w the configuration has a
-square root there. With w = w_hi cos s (or mid + half cos s) and the elbow sign(sin s) it has none: cos w - cos w_hi, the
-argument of the root, is a product that contains sin^2 s, and is computed as one.
+distance rho of the target from pivot 2 is rho^2 = D^2 + l^2 - 2 D l cos w. The last two links reach it where
+b1 = l - b2 <= rho <= l + b2: for w between -w_hi and w_hi (D >= l + b1), for w_lo <= |w| <= w_hi (D between), or for
+every w (D <= b2). At the ends of these intervals the elbow (the sign of q3) changes; as a function of w the
+configuration has a square root there. With w = w_hi cos s (or mid + half cos s) and the elbow sign(sin s) it has none:
+cos w - cos w_hi, the argument of the root, is a product that contains sin^2 s, and is computed as one.
 """
 
 import math
@@ -23,8 +23,8 @@ SINGLE, PAIR, ROUND = "single", "pair", "round"
 class SelfMotion:
     """The self-motion curves of m targets of one kind.
 
-    A point of a curve is (loop, s): s in [0, 2 pi); `SINGLE` is one closed curve (loop 0), `PAIR` has two, mirror images
-    of each other in the line from pivot 1 to the target, `ROUND` two, on which q1 turns all around.
+    A point of a curve is (loop, s): s in [0, 2 pi); `SINGLE` is one closed curve (loop 0), `PAIR` has two, mirror
+    images of each other in the line from pivot 1 to the target, `ROUND` two, on which q1 turns all around.
     """
 
     kind: str
@@ -144,14 +144,15 @@ def with_one_angle(
         Two configurations, angles in (-pi, pi] besides the given one, and whether each exists.
     """
     u, v = x - pivot, y
+    first: Any = long
+    second: Any = short
+    offset: Any = 0.0
     if joint == 0:
         u, v = u - long * np.cos(value), v - long * np.sin(value)
-        first, second, offset = long, short, 0.0
     elif joint == 1:
-        first, second = np.hypot(long + long * np.cos(value), long * np.sin(value)), short
+        first = np.hypot(long + long * np.cos(value), long * np.sin(value))
         offset = value / 2
     else:
-        first = long
         second = np.hypot(long + short * np.cos(value), short * np.sin(value))
         offset = np.arctan2(short * np.sin(value), long + short * np.cos(value))
     d, psi = np.hypot(u, v), np.arctan2(v, u)
