@@ -13,17 +13,28 @@ gravity.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.design import Member
+from tensegrity_envs.mechanics.dual_triangle.branches import Branch, follow_load, heading_in_load
 from tensegrity_envs.mechanics.dual_triangle.checks import check_finite, check_single
 from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.eigenvalues import smallest_eigenvalue
+from tensegrity_envs.mechanics.dual_triangle.loads import (
+    LoadedState,
+    correct,
+    critical_load,
+    estimate_load,
+    identify,
+    straight_critical_loads,
+)
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Links, Objective, Redundancy, resolve
 from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment, Springs
+from tensegrity_envs.mechanics.dual_triangle.shooting import candidates, grid_of_starts, polish
 from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, namespace_of
 
 _NO_LOAD = (0.0, 0.0)
@@ -376,6 +387,44 @@ class DualTriangle:
 
         return _equilibrium.settle(statics, start, self.design.joint_limit)
 
+    def equilibria(
+        self, free_lengths: Sequence[float], load: Sequence[float] = _NO_LOAD
+    ) -> list[_equilibrium.Equilibrium]:
+        """All equilibria strictly inside the joint limits, stable and unstable, sorted by configuration.
+
+        By shooting from the tip to the base over all monotone stretches of the segments' torques, and Newton's method
+        (`shooting.py`): thorough, not a proof. For cables Newton's method also starts all over the box of angles, since
+        the chain of moments breaks where both cables of a segment are slack; of equilibria without any stiffness, which
+        form a continuum, one is given, as unstable.
+
+        Args:
+            free_lengths: 2 n of them [m].
+            load: (fx, fy) [N].
+
+        Raises:
+            ValueError: a number is not finite, there are not 2 n free lengths, or the arm is a batch of designs.
+        """
+        check_single(self._probe, "equilibria")
+        check_finite("free_lengths", free_lengths, 2 * self.segments)
+        check_finite("load", load, 2)
+        points = candidates(self, free_lengths, load)
+        if self.design.springs == "cable":
+            points = np.concatenate([points, grid_of_starts(self)], axis=1)
+        found: list[_equilibrium.Equilibrium] = []
+        neutral = False
+        for point in polish(self, free_lengths, load, points).T:
+            q = tuple(float(value) for value in point)
+            gradient, hessian = self.statics(q, free_lengths, load)
+            values = np.linalg.eigvalsh(np.array(hessian)) / self.stiffness_scale
+            flat = bool(np.abs(values).min() < 1e-9)
+            if flat and neutral and self.design.springs == "cable":
+                continue
+            neutral |= flat
+            stable = bool(values[0] >= 1e-9)
+            reason = "stable" if stable else "unstable: the stiffness matrix is not positive definite"
+            found.append(_equilibrium.Equilibrium(q, float(np.linalg.norm(gradient)), stable, reason))
+        return found
+
     # ---------------------------------------------------------------------------------------- inverse kinematics
 
     def inverse_kinematics(self, x: float, y: float, *first: float) -> list[InverseSolution]:
@@ -502,6 +551,275 @@ class DualTriangle:
         if is_batch(self._probe, x, y, *q):
             return tuple(np.moveaxis(step, -1, 0))
         return tuple(float(value) for value in step)
+
+    # ----------------------------------------------------------------------------------------- loads and buckling
+
+    def as_bilateral(self) -> "DualTriangle":
+        """The same arm with springs that push, too."""
+        return DualTriangle(replace(self.design, springs="bilateral"), self.segments)
+
+    def compliance(
+        self,
+        q: Sequence[Component],
+        free_lengths: Sequence[Component] | None = None,
+        load: Sequence[Component] = _NO_LOAD,
+    ) -> tuple[Components, Components]:
+        """J H^-1 J^T [m/N], 2 x 2: how far the tip of the loaded arm yields to a small additional force.
+
+        NaN where the stiffness matrix H is not positive definite. Without free lengths: at those of the control law.
+        """
+        lengths = self.free_lengths(self.control(q, load)) if free_lengths is None else free_lengths
+        hessian = self.stiffness_matrix(q, lengths, load)
+        row_x, row_y = self.jacobian(q)
+        by_x, pivot, _ = _equilibrium.solve_symmetric(hessian, row_x)
+        by_y, _, _ = _equilibrium.solve_symmetric(hessian, row_y)
+        xp = namespace_of(pivot)
+
+        def entry(row: Components, answer: Components) -> Component:
+            total = row[0] * answer[0]
+            for a, b in zip(row[1:], answer[1:], strict=True):
+                total = total + a * b
+            return xp.where(pivot > 0, total, math.nan)
+
+        cxy = entry(row_x, by_y)
+        return (entry(row_x, by_x), cxy), (cxy, entry(row_y, by_y))
+
+    def cartesian_stiffness(
+        self,
+        q: Sequence[Component],
+        free_lengths: Sequence[Component] | None = None,
+        load: Sequence[Component] = _NO_LOAD,
+    ) -> tuple[Components, Components]:
+        """The inverse of `compliance` [N/m], 2 x 2; infinite where the arm is singular, NaN where it is unstable."""
+        (cxx, cxy), (_, cyy) = self.compliance(q, free_lengths, load)
+        xp = namespace_of(cxx)
+        det = cxx * cyy - cxy * cxy
+        regular = abs(det) > 1e-14 * (cxx + cyy) * (cxx + cyy)
+        none = math.inf + 0.0 * det  # NaN where det is
+        det = xp.where(regular, det, 1.0)
+        kxx, kxy, kyy = (xp.where(regular, c / det, none) for c in (cyy, -cxy, cxx))
+        return (kxx, kxy), (kxy, kyy)
+
+    def straight_critical_loads(self, common: Component = 0.0) -> tuple[Component, ...]:
+        """The n axial compressions [N] at which the straight arm loses stability, in one mode after the other.
+
+        P_m = (2 K0 / b) sin^2((2 m - 1) pi / (4 n)) with K0 = k [L0 b - 2 (b^2 - a^2)] of a symmetric segment: in
+        closed form for triangles of equal height. P_1 > 0 is condition (2) of [Zhao2021]: under load that guarantees no
+        more than a buckling load that is not zero.
+
+        Args:
+            common: added to all free lengths [m]; longer ones are stiffer.
+        """
+        return straight_critical_loads(self, common)
+
+    def critical_load(
+        self,
+        q: Sequence[Component],
+        direction: Sequence[Component],
+        common: Sequence[Component] | float = 0.0,
+    ) -> Component:
+        """The tip force [N] in a direction at which a configuration, held by the control law, loses its stability.
+
+        The control law keeps q an equilibrium under every load, and the Hessian is affine in the force: a generalized
+        eigenvalue problem. Stable at a force means stable at every smaller one. (For cables the Hessian is affine
+        between the forces at which one becomes slack.) 0 where q is unstable without load, infinity where no force in
+        this direction makes it so.
+
+        Args:
+            q: n angles [rad], floats or arrays of shape (m,).
+            direction: (x, y), of any length.
+            common: added to the free lengths [m], one number or n of them.
+
+        Raises:
+            ValueError: a number is not finite, or the direction is zero.
+        """
+        check_finite("q", q, self.segments)
+        check_finite("direction", direction, 2)
+        xp = self._xp(*q, *direction)
+        length = xp.hypot(direction[0], direction[1])
+        if not np.all(length > 0):
+            raise ValueError(f"direction = {direction!r}: must not be zero")
+        unit = direction[0] / length, direction[1] / length
+        single = not is_batch(self._probe, *q, *unit)
+        if self.design.springs == "bilateral" or single:
+            found = critical_load(self, q, unit, common)
+            return float(found) if single else found
+        shape = np.broadcast_shapes(*(np.shape(value) for value in (*q, *unit)), np.shape(self._probe))
+        wide = [np.broadcast_to(np.asarray(value, float), shape).ravel() for value in (*q, *unit)]
+        n = self.segments
+        answers = [
+            critical_load(self.take(i), tuple(float(v) for v in row[:n]), (float(row[n]), float(row[n + 1])), common)
+            for i, row in enumerate(zip(*wide, strict=True))
+        ]
+        return np.array(answers).reshape(shape)
+
+    def load_branch(
+        self,
+        free_lengths: Sequence[float],
+        direction: Sequence[float],
+        start: Sequence[float],
+        load: float = 0.0,
+        max_load: float = math.inf,
+        min_load: float = 0.0,
+        step: float = 0.02,
+        max_points: int = 2000,
+    ) -> Branch:
+        """Follow an equilibrium under a growing tip force, past folds, where the branch turns back in the load.
+
+        Args:
+            free_lengths: 2 n of them [m], kept.
+            direction: (x, y) of the force, of any length.
+            start: an equilibrium under `load` [rad].
+            load: size of the force at the start [N].
+            max_load: the branch ends there [N].
+            min_load: and there [N].
+            step: largest step in (angles [rad], load / (k b)).
+            max_points: at most so many points.
+
+        Raises:
+            ValueError: a number is not finite, the direction is zero, the start is no equilibrium, or the arm is a
+                batch of designs.
+        """
+        unit = self._unit("load_branch", free_lengths, direction)
+        check_finite("start", start, self.segments)
+        found = polish(self, free_lengths, (load * unit[0], load * unit[1]), np.array(start, float)[:, None])
+        if not found.shape[1] or np.abs(found[:, 0] - np.array(start)).max() > 1e-3:
+            raise ValueError(f"start = {start!r}: not an equilibrium under the load {load!r} N")
+        z0 = np.append(found[:, 0], load)
+        heading = heading_in_load(self, free_lengths, unit, z0)
+        return follow_load(self, free_lengths, unit, z0, heading, max_load, min_load, step, max_points)
+
+    def buckled_branch(
+        self,
+        mode: int = 1,
+        side: int = 1,
+        common: float = 0.0,
+        max_load: float = math.inf,
+        step: float = 0.02,
+        max_points: int = 2000,
+    ) -> Branch:
+        """The buckled shapes that branch off the straight arm at its critical load number `mode`.
+
+        Args:
+            mode: 1 to n; the branches of the higher ones are unstable.
+            side: 1 or -1, sign of q1.
+            common: added to all free lengths [m].
+            max_load: the branch ends there [N], or where an angle reaches its limit.
+            step: largest step in (angles [rad], load / (k b)).
+            max_points: at most so many points.
+
+        Returns:
+            The branch, its first point the straight arm at the critical load.
+
+        Raises:
+            ValueError: there is no such mode or side, or the arm is a batch of designs.
+        """
+        if mode not in range(1, self.segments + 1):
+            raise ValueError(f"mode = {mode!r}: must be in 1 ... {self.segments}")
+        if side not in (1, -1):
+            raise ValueError(f"side = {side!r}: must be 1 or -1")
+        straight = (0.0,) * self.segments
+        lengths = self.free_lengths(self.control(straight, None, common), common)
+        unit = self._unit("buckled_branch", lengths, (-1.0, 0.0))
+        critical = float(self.straight_critical_loads(common)[mode - 1])
+        values, vectors = np.linalg.eigh(np.array(self.stiffness_matrix(straight, lengths, (-critical, 0.0)), float))
+        shape = vectors[:, np.abs(values).argmin()]
+        heading = np.append(shape * math.copysign(side, shape[0]), 0.0)
+        z0 = np.append(np.zeros(self.segments), critical)
+        return follow_load(self, lengths, unit, z0, heading, max_load, -math.inf, step, max_points)
+
+    def _unit(self, what: str, free_lengths: Sequence[float], direction: Sequence[float]) -> tuple[float, float]:
+        check_single(self._probe, what)
+        check_finite("free_lengths", free_lengths, 2 * self.segments)
+        check_finite("direction", direction, 2)
+        length = math.hypot(*direction)
+        if length == 0:
+            raise ValueError(f"direction = {direction!r}: must not be zero")
+        return direction[0] / length, direction[1] / length
+
+    # ------------------------------------------------------------------------------- what measurements reveal
+
+    def estimate_load(self, q: Sequence[Component], free_lengths: Sequence[Component]) -> tuple[Component, Component]:
+        """The tip force (fx, fy) [N] under which measured angles are in equilibrium: least squares of J^T F = -M.
+
+        n equations, two unknowns: exact where the angles are. At a singular configuration, the straight arm, the force
+        along the links cannot be seen in the torques; the force of smallest norm is given.
+        """
+        found = estimate_load(self, q, free_lengths)
+        if is_batch(self._probe, *q, *free_lengths):
+            return found[..., 0], found[..., 1]
+        return float(found[0]), float(found[1])
+
+    def identify(self, x: float, y: float, free_lengths: Sequence[float]) -> list[LoadedState]:
+        """Every configuration within the limits, with its load, that explains a measured tip under known inputs.
+
+        Five equations (tip, equilibrium) for five unknowns (three angles, two force components): the solutions are the
+        stationary points of the springs' energy along the self-motion curve of the tip. Sorted by configuration. Only
+        the stable ones can be the state of an arm at rest; there may be several.
+
+        Args:
+            x: measured tip [m].
+            y: measured tip [m].
+            free_lengths: six of them [m].
+
+        Raises:
+            ValueError: a number is not finite, the arm has not three segments, or it is a batch of designs.
+        """
+        check_single(self._probe, "identify")
+        if self.segments != 3:
+            raise ValueError(f"identify: for three segments, not for {self.segments}")
+        check_finite("tip", (x, y), 2)
+        check_finite("free_lengths", free_lengths, 6)
+        return identify(self, float(x), float(y), free_lengths)
+
+    def identify_from(
+        self,
+        x: Component,
+        y: Component,
+        free_lengths: Sequence[Component],
+        start: Sequence[Component],
+        load: Sequence[Component] = _NO_LOAD,
+        iterations: int = 20,
+    ) -> LoadedState:
+        """The solution of `identify` next to a state that was known a step before, by Newton's method, in batches.
+
+        Args:
+            x: measured tip [m], a float or an array of shape (m,).
+            y: measured tip [m].
+            free_lengths: 2 n of them [m].
+            start: n angles [rad].
+            load: (fx, fy) [N] known before.
+            iterations: at most so many steps.
+
+        Returns:
+            Configuration, load, stability and residual; NaN where Newton's method did not converge.
+
+        Raises:
+            ValueError: a number is not finite, or there are not 2 n free lengths and n angles.
+        """
+        check_finite("tip", (x, y), 2)
+        check_finite("free_lengths", free_lengths, 2 * self.segments)
+        check_finite("start", start, self.segments)
+        check_finite("load", load, 2)
+        single = not is_batch(self._probe, x, y, *free_lengths, *start, *load)
+        values = [np.atleast_1d(np.asarray(v, float)) for v in (x, y, *start, *load)]
+        shape = np.broadcast_shapes(
+            *(v.shape for v in values), *(np.shape(u) for u in free_lengths), np.shape(self._probe)
+        )
+        wide = [np.broadcast_to(v, shape) for v in values]
+        n = self.segments
+        q, force, last = correct(
+            self, wide[0], wide[1], free_lengths, np.stack(wide[2 : n + 2]), np.stack(wide[n + 2 :]), iterations
+        )
+        good = last < 1e-8
+        q, force = np.where(good, q, np.nan), np.where(good, force, np.nan)
+        gradient = self.energy_gradient(tuple(q), free_lengths, tuple(force))
+        residual = np.sqrt(sum(np.asarray(g) ** 2 for g in gradient))
+        stable = self.stability_margin(tuple(q), free_lengths, tuple(force)) > 0
+        if not single:
+            return LoadedState(tuple(q), (force[0], force[1]), stable, residual)
+        angles = tuple(float(value) for value in q[:, 0])
+        return LoadedState(angles, (float(force[0, 0]), float(force[1, 0])), bool(stable[0]), float(residual[0]))
 
 
 def wrap(angle: Component) -> Component:

@@ -55,6 +55,7 @@ class DualTriangleSegment:
         c1, c2 = xp.hypot(a1, b1), xp.hypot(a2, b2)
         self._gg = c1 * c2
         self._d = ((a1 - a2) * (a1 + a2) + (b1 - b2) * (b1 + b2)) / (c1 + c2)  # c1 - c2 without its cancellation
+        self._equal = bool(np.all(self._d == 0))
         self._cos = xp.cos(design.beta12 / 2)
         self._sin = xp.sin(design.beta12 / 2)
         self._root = 2 * xp.sqrt(self._gg)
@@ -93,6 +94,8 @@ class DualTriangleSegment:
         )
 
     def _spring(self, xp: Any, u: Component, s: Component) -> Spring:
+        if self._equal:  # no root, and smooth beyond the stop, where the length is negative
+            return Spring(self._root * u, self._root / 2 * s, self._root / 4 * u)
         u = u + _NOT_ZERO
         gg, d, gu = self._gg, self._d, self._root * u
         square = d * d + gu * gu
