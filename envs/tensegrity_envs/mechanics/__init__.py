@@ -1,6 +1,25 @@
 """Mechanics of the published mechanisms: kinematics, statics, stability, wrench feasibility. No Gymnasium, no Torch."""
 
+from tensegrity_envs.mechanics.dual_triangle import (
+    ZHAO2021_CAPTION,
+    ZHAO2021_TEXT,
+    DualTriangle,
+    DualTriangleDesign,
+    DualTriangleSegment,
+)
 from tensegrity_envs.mechanics.equilibrium import Equilibrium
 from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022, InverseSolution, TwoX, TwoXDesign
 
-__all__ = ["FURET2018", "MURALIDHARAN2022", "Equilibrium", "InverseSolution", "TwoX", "TwoXDesign"]
+__all__ = [
+    "FURET2018",
+    "MURALIDHARAN2022",
+    "ZHAO2021_CAPTION",
+    "ZHAO2021_TEXT",
+    "DualTriangle",
+    "DualTriangleDesign",
+    "DualTriangleSegment",
+    "Equilibrium",
+    "InverseSolution",
+    "TwoX",
+    "TwoXDesign",
+]

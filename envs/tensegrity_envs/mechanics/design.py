@@ -1,6 +1,7 @@
 """What every design shares: validation that names the field, batches of designs, and the members of a structure."""
 
 import dataclasses
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
@@ -15,8 +16,12 @@ def require(condition: Any, design: str, field: str, value: Any, what: str) -> N
         raise ValueError(f"{design}.{field} = {value!r}: must be {what}")
 
 
-def require_finite_numbers(design: Any) -> None:
+def require_finite_numbers(design: Any, besides: Collection[str] = ()) -> None:
     """Raise unless every field of a design is a finite real number, or an array of them, all arrays of one shape.
+
+    Args:
+        design: the dataclass instance.
+        besides: names of the fields that hold something else.
 
     Raises:
         TypeError: a field is not a number.
@@ -25,6 +30,8 @@ def require_finite_numbers(design: Any) -> None:
     name = type(design).__name__
     first: tuple[str, tuple[int, ...]] | None = None
     for field in dataclasses.fields(design):
+        if field.name in besides:
+            continue
         value = getattr(design, field.name)
         kind = np.asarray(value).dtype.kind if isinstance(value, (int, float, np.generic, np.ndarray)) else ""
         if isinstance(value, bool) or kind not in ("i", "u", "f"):
@@ -60,6 +67,8 @@ class Member:
         nodes: the names of its two end nodes.
         stiffness: [N/m], of a spring.
         free_length: [m], of a spring.
+        is_input: of a spring: its free length is an input, the next one in the mechanism's order.
+        goes_slack: of a spring: it pulls only (a sprung cable), without force below its free length.
         mass: [kg], of a bar, uniform along its length.
         radius: [m], of a bar.
     """
@@ -69,5 +78,7 @@ class Member:
     nodes: tuple[str, str]
     stiffness: float = 0.0
     free_length: float = 0.0
+    is_input: bool = False
+    goes_slack: bool = False
     mass: float = 0.0
     radius: float = 0.0

@@ -1,0 +1,23 @@
+"""Checks of numbers that users hand in."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tensegrity_envs.mechanics.namespace import Component
+
+
+def check_finite(name: str, values: Sequence[Component], count: int) -> None:
+    """Raise ValueError unless these are `count` finite numbers (or arrays of them)."""
+    if len(values) != count:
+        raise ValueError(f"{name}: {count} numbers expected, got {len(values)}: {values!r}")
+    for value in values:
+        if not np.all(np.isfinite(np.asarray(value, float))):
+            raise ValueError(f"{name} = {values!r}: must be finite numbers")
+
+
+def check_single(probe: Any, what: str) -> None:
+    """Raise ValueError for a batch of designs."""
+    if isinstance(probe, np.ndarray):
+        raise ValueError(f"{what} takes one design, not a batch of them; take(index) picks one")

@@ -1,0 +1,63 @@
+"""The smallest eigenvalue of a small symmetric matrix, on components."""
+
+import math
+
+import numpy as np
+
+from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, namespace_of
+
+
+def smallest_eigenvalue(matrix: tuple[Components, ...]) -> Component:
+    """Smallest eigenvalue of a symmetric n x n matrix: in closed form up to n = 3, by LAPACK beyond.
+
+    n = 3: with B the traceless part, m = tr/3, |B|^2 = 6 p^2 and C = B^2 - |B|^2 / 3,
+
+        eigenvalue = m - 2 p cos(pi/3 - phi),  3 phi = atan2(sqrt(|B|^2 |C|^2 - <B, C>^2), <B, C>).
+
+    The usual acos(det(B) / 2 p^3) loses half of the digits where two eigenvalues are close. Here the sine comes from
+    Lagrange's identity, a sum of squares, and the error stays at a few roundings of the largest entry.
+    """
+    n = len(matrix)
+    if n == 1:
+        return matrix[0][0]
+    if n > 3:
+        return _smallest_by_lapack(matrix)
+    xp = namespace_of(*(matrix[i][j] for i in range(n) for j in range(i, n)))
+    if n == 2:
+        half = (matrix[0][0] - matrix[1][1]) / 2
+        return (matrix[0][0] + matrix[1][1]) / 2 - xp.hypot(half, matrix[0][1])
+    (a, d, e), (_, b, f), (_, _, c) = matrix
+    mean = (a + b + c) / 3
+    a, b, c = ((a - b) + (a - c)) / 3, ((b - a) + (b - c)) / 3, ((c - a) + (c - b)) / 3
+    dd, ee, ff = d * d, e * e, f * f
+    square = a * a + b * b + c * c + 2 * (dd + ee + ff)
+    third = square / 3
+    # B and C as vectors of R^6 with the weights 1, 1, 1, 2, 2, 2
+    first = (a, b, c, d, e, f)
+    second = (
+        a * a + dd + ee - third,
+        b * b + dd + ff - third,
+        c * c + ee + ff - third,
+        e * f - c * d,  # (a + b) d + e f, since a + b + c = 0
+        d * f - b * e,
+        d * e - a * f,
+    )
+    inner = a * second[0] + b * second[1] + c * second[2] + 2 * (d * second[3] + e * second[4] + f * second[5])
+    total = 0.0
+    for i in range(6):
+        for j in range(i + 1, 6):
+            minor = first[i] * second[j] - first[j] * second[i]
+            total = total + (1 if j < 3 else 2 if i < 3 else 4) * minor * minor
+    angle = xp.atan2(xp.sqrt(total), inner) / 3
+    return mean - 2 * xp.sqrt(square / 6) * xp.cos(math.pi / 3 - angle)
+
+
+def _smallest_by_lapack(matrix: tuple[Components, ...]) -> Component:
+    entries = [entry for row in matrix for entry in row]
+    if not is_batch(*entries):
+        return float(np.linalg.eigvalsh(np.array(matrix, float))[0])
+    if not any(isinstance(entry, np.ndarray) for entry in entries):
+        raise TypeError("the smallest eigenvalue of more than three segments is computed on floats and arrays only")
+    stacked = np.stack(np.broadcast_arrays(*entries), axis=-1)
+    n = len(matrix)
+    return np.linalg.eigvalsh(stacked.reshape(*stacked.shape[:-1], n, n))[..., 0]

@@ -1,0 +1,353 @@
+"""One dual-triangle: two triangles with a common pivot, two springs that turn one against the other.
+
+[Zhao2021] Zhao, Pashkevich, Klimchik, Chablat, "Kinematic control of compliant serial manipulators composed of
+dual-triangles", ICCCR 2021. Misprints are named where they matter; docs/dual_triangle.md lists every one.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_envs.mechanics import equilibrium as _equilibrium
+from tensegrity_envs.mechanics.design import take
+from tensegrity_envs.mechanics.dual_triangle import one_segment
+from tensegrity_envs.mechanics.dual_triangle.checks import check_finite, check_single
+from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
+from tensegrity_envs.mechanics.namespace import Component, namespace_of
+
+# Added to cos(theta/2), which no rounded angle makes smaller than 1e-17 unless it is exactly 0: changes nothing else.
+_NOT_ZERO = 1e-30
+
+
+class Spring(NamedTuple):
+    """A spring's length [m], its moment arm h about the pivot [m], and dh/dtheta [m/rad], theta its angle in Eq. 1."""
+
+    length: Component
+    arm: Component
+    arm_slope: Component
+
+
+Springs = tuple[Spring, Spring]
+
+
+class Fold(NamedTuple):
+    """Where two equilibria of a bistable segment meet and vanish: the control input [m] and the angle [rad]."""
+
+    delta: float
+    angle: float
+
+
+class DualTriangleSegment:
+    """The statics of one segment of a design, or of a batch of designs.
+
+    q [rad] is the angle of the moving triangle, counter-clockwise; free lengths are (spring 1, spring 2) [m]; a moment
+    [N m] is what acts on the moving triangle from outside, counter-clockwise. Components are floats, NumPy arrays or
+    Torch tensors.
+    """
+
+    def __init__(self, design: DualTriangleDesign = ZHAO2021_CAPTION) -> None:
+        self.design = design
+        a1, b1, a2, b2 = design.a1, design.b1, design.a2, design.b2
+        # The one component that tells floats from arrays when a batch of designs meets a single angle.
+        self._probe: Component = sum(value for value in vars(design).values() if isinstance(value, np.ndarray))
+        xp = namespace_of(self._probe)
+        c1, c2 = xp.hypot(a1, b1), xp.hypot(a2, b2)
+        self._gg = c1 * c2
+        self._d = ((a1 - a2) * (a1 + a2) + (b1 - b2) * (b1 + b2)) / (c1 + c2)  # c1 - c2 without its cancellation
+        self._equal = bool(np.all(self._d == 0))
+        self._cos = xp.cos(design.beta12 / 2)
+        self._sin = xp.sin(design.beta12 / 2)
+        self._root = 2 * xp.sqrt(self._gg)
+        self.stiffness_scale = (design.k1 + design.k2) * b1 * b2 / 2  # [N m/rad]; k b^2 of a symmetric segment
+
+    def take(self, index: Any) -> "DualTriangleSegment":
+        """The segments at `index` of a batch of designs; itself where there is one design only."""
+        if not isinstance(self._probe, np.ndarray):
+            return self
+        part = object.__new__(DualTriangleSegment)
+        part.__dict__.update(
+            {name: value[index] if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
+        )
+        part.design = take(self.design, index)
+        return part
+
+    def _xp(self, *components: Component) -> Any:
+        return namespace_of(self._probe, *components)
+
+    # ------------------------------------------------------------------------------------------------- geometry
+
+    def springs(self, xp: Any, q: Component) -> Springs:
+        """Both springs at the angle q, the namespace given."""
+        return self.springs_at(xp, xp.sin(q / 2), xp.cos(q / 2))
+
+    def springs_at(self, xp: Any, s: Component, c: Component) -> Springs:
+        """Lengths and moment arms of both springs from sin(q/2), cos(q/2); accurate down to coinciding ends.
+
+        With theta_1 = beta12 + q, theta_2 = beta12 - q and u = cos(theta/2), a spring between corners at distances c1,
+        c2 from the pivot has L^2 = (c1 - c2)^2 + 4 c1 c2 u^2 and the moment arm h = c1 c2 sin(theta) / L = -dL/dtheta.
+        [Zhao2021, Eq. 1] divides by a root that loses all digits at theta = pi where c1 = c2; half angles do not.
+        """
+        return (
+            self._spring(xp, self._cos * c - self._sin * s, self._sin * c + self._cos * s),
+            self._spring(xp, self._cos * c + self._sin * s, self._sin * c - self._cos * s),
+        )
+
+    def _spring(self, xp: Any, u: Component, s: Component) -> Spring:
+        if self._equal:  # no root, and smooth beyond the stop, where the length is negative
+            return Spring(self._root * u, self._root / 2 * s, self._root / 4 * u)
+        u = u + _NOT_ZERO
+        gg, d, gu = self._gg, self._d, self._root * u
+        square = d * d + gu * gu
+        length = xp.sqrt(square)
+        arm = 2 * gg * s * u / length
+        # dh/dtheta = c1 c2 cos(theta) / L + h^2 / L, brought to one fraction: the two terms cancel as L goes to 0
+        return Spring(length, arm, gg * ((u * u - s * s) * d * d + gu * gu * u * u) / (length * square))
+
+    def spring_lengths(self, q: Component) -> tuple[Component, Component]:
+        """Lengths of spring 1 (on the +y side) and spring 2 [m]."""
+        first, second = self.springs(self._xp(q), q)
+        return first.length, second.length
+
+    def moment_arms(self, q: Component) -> tuple[Component, Component]:
+        """h1, h2 [m]: spring i's tension F_i turns the moving triangle by M1 = F1 h1, M2 = -F2 h2.
+
+        [Zhao2021, section II] prints "M1 = F1 h1, M1 = F2 h2".
+        """
+        first, second = self.springs(self._xp(q), q)
+        return first.arm, second.arm
+
+    # -------------------------------------------------------------------------------------------------- statics
+
+    def _tensions(self, xp: Any, springs: Springs, free_lengths: Sequence[Component]) -> tuple[Component, Component]:
+        f1 = self.design.k1 * (springs[0].length - free_lengths[0])
+        f2 = self.design.k2 * (springs[1].length - free_lengths[1])
+        if self.design.springs == "cable":
+            return xp.maximum(f1, 0.0), xp.maximum(f2, 0.0)
+        return f1, f2
+
+    def spring_forces(self, q: Component, free_lengths: Sequence[Component]) -> tuple[Component, Component]:
+        """Tensions of both springs [N]; negative where a bilateral spring pushes."""
+        xp = self._xp(q, *free_lengths)
+        return self._tensions(xp, self.springs(xp, q), free_lengths)
+
+    def spring_torques(self, q: Component, free_lengths: Sequence[Component]) -> tuple[Component, Component]:
+        """M1, M2 [N m]: torque of each spring on the moving triangle, counter-clockwise, [Zhao2021, Eq. 1]."""
+        xp = self._xp(q, *free_lengths)
+        springs = self.springs(xp, q)
+        f1, f2 = self._tensions(xp, springs, free_lengths)
+        return f1 * springs[0].arm, -(f2 * springs[1].arm)
+
+    def energy_of(self, xp: Any, springs: Springs, free_lengths: Sequence[Component]) -> Component:
+        """`potential_energy` with the namespace and the springs given."""
+        f1, f2 = self._tensions(xp, springs, free_lengths)
+        return f1 * f1 / (2 * self.design.k1) + f2 * f2 / (2 * self.design.k2)
+
+    def potential_energy(self, q: Component, free_lengths: Sequence[Component]) -> Component:
+        """Energy of both springs [J]."""
+        xp = self._xp(q, *free_lengths)
+        return self.energy_of(xp, self.springs(xp, q), free_lengths)
+
+    def slope_and_stiffness(
+        self, xp: Any, springs: Springs, free_lengths: Sequence[Component]
+    ) -> tuple[Component, Component]:
+        """dU/dq [N m] and d2U/dq2 [N m/rad] in one evaluation, the namespace and the springs given."""
+        first, second = springs
+        f1, f2 = self._tensions(xp, springs, free_lengths)
+        k1, k2 = self.design.k1, self.design.k2
+        if self.design.springs == "cable":
+            k1, k2 = xp.where(f1 > 0, k1, 0.0), xp.where(f2 > 0, k2, 0.0)
+        return (
+            f2 * second.arm - f1 * first.arm,
+            k1 * first.arm * first.arm - f1 * first.arm_slope + k2 * second.arm * second.arm - f2 * second.arm_slope,
+        )
+
+    def torque(self, q: Component, free_lengths: Sequence[Component]) -> Component:
+        """M(q) = -dU/dq [N m], which the springs exert on the moving triangle, [Zhao2021, Eqs. 1, 3]."""
+        xp = self._xp(q, *free_lengths)
+        return -self.slope_and_stiffness(xp, self.springs(xp, q), free_lengths)[0]
+
+    def stiffness(self, q: Component, free_lengths: Sequence[Component]) -> Component:
+        """K(q) = -dM/dq [N m/rad], positive where an equilibrium is stable.
+
+        For a symmetric segment it is -2 k [(b^2 - a^2) cos q - (L10 L1 + L20 L2) / 8].
+        """
+        xp = self._xp(q, *free_lengths)
+        return self.slope_and_stiffness(xp, self.springs(xp, q), free_lengths)[1]
+
+    # -------------------------------------------------------------------------------------------------- control
+
+    def free_lengths(self, delta: Component, common: Component = 0.0) -> tuple[Component, Component]:
+        """Free lengths [m] under the control input: L10 = L0 + common - delta, L20 = L0 + common + delta.
+
+        Args:
+            delta: control input [m]; delta > 0 turns towards q > 0.
+            common: added to both nominal free lengths [m]: co-contraction where negative. On bilateral springs, which
+                push, *longer* free lengths are the stiffer ones.
+        """
+        return self.design.free_length1 + common - delta, self.design.free_length2 + common + delta
+
+    def control(self, q: Component, moment: Component = 0.0, common: Component = 0.0) -> Component:
+        """The control input delta [m] that holds the angle q against a moment [N m].
+
+        The torque is linear in delta, so for any segment delta = -(M(q; delta = 0) + moment) / (k1 h1 + k2 h2). For a
+        symmetric one that is [L0 b sin(q/2) - (b^2 - a^2) sin q - moment / (2 k)] / (a cos(q/2)), [Zhao2021, Eq. 4];
+        Eq. 5 prints the moment with the opposite sign, which doubles the load instead of carrying it.
+
+        Of cables, one alone carries what both in tension cannot; where both would be slack, the input returned is the
+        one at which the carrying cable is just taut.
+        """
+        xp = self._xp(q, moment, common)
+        return self.control_of(xp, self.springs(xp, q), moment, common)
+
+    def control_of(self, xp: Any, springs: Springs, moment: Component, common: Component) -> Component:
+        """`control` with the namespace and the springs given."""
+        first, second = springs
+        l10, l20 = self.free_lengths(0.0, common)
+        t1, t2 = self.design.k1 * first.arm, self.design.k2 * second.arm
+        s1, s2 = first.length - l10, second.length - l20
+        delta = (t2 * s2 - t1 * s1 - moment) / (t1 + t2)
+        if self.design.springs != "cable":
+            return delta
+        alone = xp.where(moment > 0, s2 - moment / t2, -moment / t1 - s1)
+        return xp.where(xp.minimum(s1 + delta, s2 - delta) >= 0, delta, alone)
+
+    def sensitivity(self, q: Component, moment: Component = 0.0, common: Component = 0.0) -> Component:
+        """Sensitivity d delta / dq [m/rad] of `control` at a constant moment.
+
+        The stiffness at the commanded angle divided by k1 h1 + k2 h2: it has the stiffness's sign. [Zhao2021, figure 3] plots a "sensitivity" that its text does not define.
+        """
+        xp = self._xp(q, moment, common)
+        first, second = springs = self.springs(xp, q)
+        inputs = self.free_lengths(self.control_of(xp, springs, moment, common), common)
+        k1, k2 = self.design.k1, self.design.k2
+        if self.design.springs == "cable":
+            f1, f2 = self._tensions(xp, springs, inputs)
+            k1, k2 = xp.where(f1 > 0, k1, 0.0), xp.where(f2 > 0, k2, 0.0)
+        return self.slope_and_stiffness(xp, springs, inputs)[1] / (k1 * first.arm + k2 * second.arm)
+
+    # ------------------------------------------------------------------------- equilibria, bistability and limits
+
+    def equilibria(self, free_lengths: Sequence[float], moment: float = 0.0) -> list[_equilibrium.Equilibrium]:
+        """All equilibria strictly inside the joint limits, stable and unstable, ascending.
+
+        Exact up to rounding: stiffness is bounded on every interval that is not subdivided further, so that the torque
+        is proved monotone or without a zero there (`one_segment.roots`). A double root, at a fold, is given once, as
+        unstable. Where both cables are slack and there is no moment, every angle of an interval is in equilibrium: the
+        middle of the interval is given, as unstable.
+
+        Args:
+            free_lengths: (spring 1, spring 2) [m].
+            moment: from outside on the moving triangle [N m].
+
+        Returns:
+            Configurations (q,) [rad], residuals [N m], whether stable, and the reason in words.
+
+        Raises:
+            ValueError: a number is not finite, or the segment is a batch of designs.
+        """
+        check_single(self._probe, "equilibria")
+        check_finite("free_lengths", free_lengths, 2)
+        check_finite("moment", (moment,), 1)
+        found = []
+        for q in one_segment.roots(self, (float(free_lengths[0]), float(free_lengths[1])), float(moment)):
+            stiffness = self.stiffness(q, free_lengths)
+            stable = stiffness > 1e-9 * self.stiffness_scale
+            reason = "stable" if stable else "unstable: the stiffness is not positive"
+            residual = abs(self.torque(q, free_lengths) + moment)
+            found.append(_equilibrium.Equilibrium((q,), residual, stable, reason))
+        return found
+
+    @property
+    def monotone_threshold(self) -> Any:
+        """2 b (1 - (a/b)^2) [m]: with delta = 0 the torque is monotone just if L0 is larger, [Zhao2021, Eq. 2].
+
+        Proved for the whole range of angles, but for delta = 0 and symmetric segments only; see `is_monotone`.
+
+        Raises:
+            ValueError: the segment is not symmetric.
+        """
+        self._require_symmetric("monotone_threshold")
+        a, b = self.design.a1, self.design.b1
+        return 2 * (b - a) * (b + a) / b
+
+    def is_monotone(self, free_lengths: Sequence[float] | None = None) -> bool:
+        """Whether the torque falls strictly on the whole range of angles, so that there is one equilibrium at most.
+
+        Without free lengths: at the nominal ones. Decided by bounds of the stiffness on subdivided intervals.
+
+        Raises:
+            ValueError: a number is not finite, or the segment is a batch of designs.
+        """
+        check_single(self._probe, "is_monotone")
+        lengths = self.free_lengths(0.0) if free_lengths is None else free_lengths
+        check_finite("free_lengths", lengths, 2)
+        return one_segment.is_monotone(self, (float(lengths[0]), float(lengths[1])))
+
+    @property
+    def wells(self) -> tuple[float, float] | None:
+        """The two stable angles [rad] of an unloaded symmetric segment at delta = 0, None where q = 0 is stable.
+
+        cos(q/2) = L0 b / (2 (b^2 - a^2)). They lie inside the joint limits only if L0 > `well_threshold`: otherwise
+        None too, although q = 0 is unstable; the segment rests on a stop.
+
+        Raises:
+            ValueError: the segment is not symmetric, or is a batch of designs.
+        """
+        check_single(self._probe, "wells")
+        if not self.design.free_length1 < self.monotone_threshold:
+            return None
+        angle = 2 * float(np.arccos(self.design.free_length1 / self.monotone_threshold))
+        return (-angle, angle) if angle < self.design.joint_limit else None
+
+    @property
+    def well_threshold(self) -> float:
+        """2 a (b^2 - a^2) / (b c) [m]: the wells of a symmetric segment lie inside its stops if L0 is larger."""
+        self._require_symmetric("well_threshold")
+        a, b = self.design.a1, self.design.b1
+        return float(self.monotone_threshold * a / np.hypot(a, b))
+
+    @property
+    def fold(self) -> Fold | None:
+        """Where bistability of an unloaded symmetric segment ends: three equilibria for |delta| < fold.delta.
+
+        cos^3(q/2) = L0 b / (2 (b^2 - a^2)), delta = 2 (b^2 - a^2) / a sin^3(q/2); mirrored for the other sign: the
+        fold at q = fold.angle > 0 has the input -fold.delta. None where the segment is not bistable.
+
+        Raises:
+            ValueError: the segment is not symmetric, or is a batch of designs.
+        """
+        check_single(self._probe, "fold")
+        if not self.design.free_length1 < self.monotone_threshold:
+            return None
+        ratio = self.design.free_length1 / self.monotone_threshold
+        angle = 2 * float(np.arccos(ratio ** (1 / 3)))
+        a, b = self.design.a1, self.design.b1
+        return Fold(float(2 * (b - a) * (b + a) / a * np.sin(angle / 2) ** 3), angle)
+
+    @property
+    def delta_range(self) -> tuple[Any, Any]:
+        """Smallest and largest control input [m] at which no free length is negative."""
+        return -self.design.free_length2, self.design.free_length1
+
+    @property
+    def control_limit(self) -> float:
+        """The angle [rad] up to which (from 0) both free lengths of the unloaded control law stay zero or more.
+
+        At most the joint limit. Of a segment that is not symmetric: the smaller of the limits to both sides.
+
+        Raises:
+            ValueError: the segment is a batch of designs.
+        """
+        check_single(self._probe, "control_limit")
+        return one_segment.control_limit(self)
+
+    def is_tensile(self, q: Component, free_lengths: Sequence[Component]) -> Component:
+        """Whether both springs are in tension. Unloaded and symmetric: just if L0 < 2 b cos(q/2), for |q| < beta12."""
+        xp = self._xp(q, *free_lengths)
+        first, second = self.springs(xp, q)
+        return (first.length > free_lengths[0]) & (second.length > free_lengths[1])
+
+    def _require_symmetric(self, what: str) -> None:
+        if not self.design.is_symmetric:
+            raise ValueError(f"{what} is defined for symmetric segments; this one is {self.design!r}")
