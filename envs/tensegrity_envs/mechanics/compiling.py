@@ -4,6 +4,7 @@ The first use of a function compiles it (seconds); its code is then kept in the 
 `TENSEGRITY_CACHE_DIR` moves, and later processes load it (milliseconds).
 """
 
+import dataclasses
 import hashlib
 import importlib.util
 import inspect
@@ -131,18 +132,23 @@ def _cache_directory() -> FilePath:
 def evaluate(function: Callable[..., Any], *arguments: Any) -> Any:
     """Evaluate a traceable function on structures of floats and arrays that broadcast against one another.
 
-    Compiled code for arrays and floats alike; floats in, floats out. Integers, strings and functions among the
-    arguments are part of the code, not data.
+    Compiled code for arrays and floats alike; floats in, floats out. Integers, strings, functions and the numbers of
+    designs that are no arrays are part of the kernel, not data.
     """
     shape = np.broadcast_shapes((), *(value.shape for value in leaves(arguments, is_array)))
     if len(shape) > 1:
         raise ValueError(f"components of shape {shape}: must be floats or arrays of shape (n,)")
 
-    def is_number(value: Any) -> bool:
-        return isinstance(value, float | np.floating | np.ndarray)
-
     count = shape or (1,)
-    whole = rebuild(arguments, is_number, lambda value: np.broadcast_to(np.asarray(value, float), count))
+
+    def vary(tree: Any) -> Any:
+        if dataclasses.is_dataclass(tree):
+            return rebuild(tree, is_array, vary)
+        return np.broadcast_to(np.asarray(tree, float), count)
+
+    whole = rebuild(
+        arguments, lambda tree: isinstance(tree, float | np.ndarray) or dataclasses.is_dataclass(tree), vary
+    )
     layouts = [Layout(argument, kind=lambda _: "float") for argument in whole]
     kernel = _kernel_of(function, layouts)
     found = kernel(*[layout.pack(argument, count[0]) for layout, argument in zip(layouts, whole, strict=True)])

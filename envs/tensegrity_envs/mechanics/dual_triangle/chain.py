@@ -377,15 +377,9 @@ class DualTriangle:
         check_finite("start", start, self.segments)
         check_finite("load", load, 2)
 
-        def statics(q: Components, index: Any) -> tuple[Components, tuple[Components, ...]]:
-            if index is None:
-                return self.statics(q, free_lengths, load)
-            inputs, forces = (
-                tuple(value[index] if np.ndim(value) else value for value in values) for values in (free_lengths, load)
-            )
-            return self.take(index).statics(q, inputs, forces)
-
-        return _equilibrium.settle(statics, start, self.design.joint_limit)
+        inputs, forces = (tuple(v if np.ndim(v) else float(v) for v in values) for values in (free_lengths, load))
+        parameters = (self.design, self.segments, inputs, forces)
+        return _equilibrium.settle(_statics, start, parameters, self.design.joint_limit)
 
     def equilibria(
         self, free_lengths: Sequence[float], load: Sequence[float] = _NO_LOAD
@@ -820,6 +814,11 @@ class DualTriangle:
             return LoadedState(tuple(q), (force[0], force[1]), stable, residual)
         angles = tuple(float(value) for value in q[:, 0])
         return LoadedState(angles, (float(force[0, 0]), float(force[1, 0])), bool(stable[0]), float(residual[0]))
+
+
+def _statics(q: Components, parameters: Any) -> tuple[Components, tuple[Components, ...]]:
+    design, segments, free_lengths, load = parameters
+    return DualTriangle(design, segments).statics(q, free_lengths, load)
 
 
 def wrap(angle: Component) -> Component:

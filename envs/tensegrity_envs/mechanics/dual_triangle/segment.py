@@ -14,7 +14,7 @@ from tensegrity_envs.mechanics.design import take
 from tensegrity_envs.mechanics.dual_triangle import one_segment
 from tensegrity_envs.mechanics.dual_triangle.checks import check_finite, check_single
 from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
-from tensegrity_envs.mechanics.namespace import Component, namespace_of
+from tensegrity_envs.mechanics.namespace import Component, is_symbol, namespace_of
 
 # Added to cos(theta/2), which no rounded angle makes smaller than 1e-17 unless it is exactly 0: changes nothing else.
 _NOT_ZERO = 1e-30
@@ -50,7 +50,7 @@ class DualTriangleSegment:
         self.design = design
         a1, b1, a2, b2 = design.a1, design.b1, design.a2, design.b2
         # The one component that tells floats from arrays when a batch of designs meets a single angle.
-        self._probe: Component = sum(value for value in vars(design).values() if isinstance(value, np.ndarray))
+        self._probe: Component = sum(v for v in vars(design).values() if isinstance(v, np.ndarray) or is_symbol(v))
         xp = namespace_of(self._probe)
         c1, c2 = xp.hypot(a1, b1), xp.hypot(a2, b2)
         self._gg = c1 * c2
