@@ -17,7 +17,7 @@ from tensegrity_envs.mechanics.namespace import Component, Components, namespace
 from tensegrity_envs.mechanics.structure import Layout, is_row
 from tensegrity_envs.rendering import Scene
 from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Episode, Simulation, State
-from tensegrity_envs.tasks.reach import Reach
+from tensegrity_envs.tasks import Task
 
 
 class Drawn(NamedTuple):
@@ -72,15 +72,17 @@ class Core(ABC):
         reach: an upper bound of the tip's distance from the base [m].
         input_name: of the inputs, in `info`.
         control: how it is driven, for controllers.
+        hidden_names: of the entries of `info` that tell hidden parameters.
     """
 
     design: Any
     nominal: Any
     simulation: Simulation
-    task: Reach
+    task: Task
     reach: float
     input_name: str
     control: str
+    hidden_names: tuple[str, ...]
     observation_space: spaces.Dict
     action_space: spaces.Box
 
@@ -97,8 +99,8 @@ class Core(ABC):
         """Components of the "observation" entry, each within [-1, 1]."""
 
     @abstractmethod
-    def hidden(self, episode: Episode) -> dict[str, Any]:
-        """Entries of `info` that tell the hidden parameters of the episode."""
+    def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
+        """Entries of `info` that tell the hidden parameters of the episode, by the names in `hidden_names`."""
 
     @abstractmethod
     def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
@@ -122,12 +124,13 @@ class Core(ABC):
         xp = namespace_of(state.tip[0])
         achieved = tuple(to_single(component) for component in state.tip)
         error = xp.hypot(achieved[0] - episode.goal[0], achieved[1] - episode.goal[1])
-        terms = self.task.reward_terms(xp, error, state, episode.solutions)
+        state = self.task.judge(xp, error, state)
+        terms = self.task.reward_terms(xp, error, state, episode)
         total: Component = 0.0
         for term in terms.values():
             total = total + term
         info = {
-            "is_success": self.task.is_success(error, state.failure),
+            "is_success": self.task.is_success(error, state, episode),
             "tip_error": error,
             "stability_margin": state.stability_margin,
             "wrench_margin": state.wrench_margin,
@@ -137,7 +140,8 @@ class Core(ABC):
             "effort": self.task.effort(state),
             "configuration": state.configuration,
             self.input_name: state.inputs,
-            **self.hidden(episode),
+            **self.hidden(episode, state),
+            **self.task.measures(state, episode),
             **{f"reward_{name}": term for name, term in terms.items()},
         }
         # In single precision, so that a relabelled reward, from inverse solutions found anew, is the same number.
@@ -219,6 +223,18 @@ class Core(ABC):
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
         """Reward of the dense or sparse form for any goals, as `step` gives it. See `ReachEnv.compute_reward`."""
+        outcomes, single = self._relabelled(achieved_goal, desired_goal, info)
+        reward = outcomes[self.outcomes.rows.reward]
+        return float(reward[0]) if single else reward
+
+    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """Whether the episode failed in that step."""
+        outcomes, single = self._relabelled(achieved_goal, desired_goal, info)
+        failed = outcomes[self.outcomes.rows.state.failure] != RUNNING
+        return bool(failed[0]) if single else failed
+
+    def _relabelled(self, achieved_goal: Any, desired_goal: Any, info: Any) -> tuple[np.ndarray, bool]:
+        """The outcomes with other goals, and whether there is one only, without a batch."""
         achieved, desired, batch, single = self._goals(achieved_goal, desired_goal, info)
         episode = self.episode_of(batch, desired[:, 0], desired[:, 1])
         state = State(
@@ -231,14 +247,7 @@ class Core(ABC):
             batch["step"],
         )
         n = len(achieved)
-        reward = self.tell(self.episodes.pack(episode, n), self.states.pack(state, n))[self.outcomes.rows.reward]
-        return float(reward[0]) if single else reward
-
-    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """Whether the episode failed in that step; it does not depend on the goals."""
-        _, _, batch, single = self._goals(achieved_goal, desired_goal, info)
-        failed = batch["failure"] != RUNNING
-        return bool(failed[0]) if single else failed
+        return self.tell(self.episodes.pack(episode, n), self.states.pack(state, n)), single
 
     def _goals(
         self, achieved: Any, desired: Any, info: Any
@@ -253,7 +262,7 @@ class Core(ABC):
                 f"both must be {size} or (n, {size[0]}), in metres"
             )
         keys = ["configuration", self.input_name, "stability_margin", "wrench_margin", "failure", "step"]
-        keys += list(self.hidden(self.episodes.rows))
+        keys += self.hidden_names
         infos = [info] if isinstance(info, dict) and single else info
         if not isinstance(infos, dict):
             if len(infos) != (1 if single else len(achieved)) or any(key not in i for i in infos for key in keys):

@@ -42,6 +42,26 @@ ENTRIES = (
         "TwoXReach",
         {"control": "tension", "payload_range": (0.0, 0.4), "observe": "tip_and_inputs"},
     ),
+    Entry(
+        "tensegrity/DualTriangleReach-v0",
+        "three dual-triangle segments, control input increments, no load",
+        "DualTriangleReach",
+        {},
+    ),
+    Entry(
+        "tensegrity/DualTriangleLoadedReach-v0",
+        "three dual-triangle segments, control input increments, unknown tip force of up to 1.5 times the straight "
+        "arm's critical load, only tip and inputs observed",
+        "DualTriangleReach",
+        {"load_range": (0.0, 1.5), "observe": "tip_and_inputs"},
+    ),
+    Entry(
+        "tensegrity/DualTrianglePush-v0",
+        "three dual-triangle segments, increments of six free lengths: hold the tip against a growing unseen push",
+        "DualTrianglePush",
+        {},
+        150,
+    ),
 )
 ENV_IDS = tuple(entry.id for entry in ENTRIES)
 

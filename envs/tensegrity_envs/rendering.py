@@ -46,7 +46,7 @@ class Scene:
     Attributes:
         nodes: positions (x, y) of the named nodes [m].
         members: bars, springs and cables between them; the order is that of drawing within a kind.
-        tensions: of the cables, by member name [N]; a cable without one is grey.
+        tensions: of cables and springs, by member name [N]; a cable without one is grey.
         tension_bounds: the ends of the colour scale [N].
         tip: position of the end-effector [m].
         target: position of the goal [m], or None.
@@ -57,6 +57,8 @@ class Scene:
         reach: what lies this close to the origin is in the picture [m].
         failure: why the episode failed, or "".
         base: names of the nodes that the ground carries; None for the first two.
+        load: force at the tip [N]; drawn as an arrow.
+        load_scale: force whose arrow is a quarter of the reach long [N].
     """
 
     nodes: Mapping[str, Point]
@@ -72,6 +74,8 @@ class Scene:
     reach: float
     failure: str = ""
     base: Sequence[str] | None = None
+    load: Point = (0.0, 0.0)
+    load_scale: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -293,8 +297,9 @@ def _picture(scene: Scene, size: tuple[int, int]) -> "Surface":
     import pygame
 
     view = View(size, scene.reach, _SUPERSAMPLING)
-    cables = any(member.kind == "cable" for member in scene.members)
-    canvas = _Canvas(view, _background(view, scene.tension_bounds if cables else None).copy())
+    coloured = {member.kind for member in scene.members if member.kind == "cable" or member.name in scene.tensions}
+    legend = "cable tension [N]" if "cable" in coloured else "spring force [N]"
+    canvas = _Canvas(view, _background(view, scene.tension_bounds if coloured else None, legend).copy())
     _draw_gauges(canvas, scene)
     canvas.surface.set_clip((0, round(view.strip + view.unit), canvas.width, canvas.height))
     _draw_mechanism(canvas, scene)
@@ -304,7 +309,7 @@ def _picture(scene: Scene, size: tuple[int, int]) -> "Surface":
 
 
 @lru_cache(maxsize=4)
-def _background(view: View, bounds: tuple[float, float] | None) -> "Surface":
+def _background(view: View, bounds: tuple[float, float] | None, legend: str) -> "Surface":
     """What stays the same from picture to picture: grid, scale bar, colour bar."""
     import pygame
 
@@ -329,7 +334,7 @@ def _background(view: View, bounds: tuple[float, float] | None) -> "Surface":
         left, top, width, height = _colour_bar(canvas)
         for i in range(round(width)):
             canvas.box(left + i, top, 1, height, tension_colour(i / (width - 1), (0.0, 1.0)))
-        canvas.write("cable tension [N]", (left + width, top - 5 * u), "bottomright", _FAINT)
+        canvas.write(legend, (left + width, top - 5 * u), "bottomright", _FAINT)
         canvas.write(f"{bounds[0]:.4g}", (left, top + height + 5 * u), "topleft", _FAINT)
         canvas.write(f"{bounds[1]:.4g}", (left + width, top + height + 5 * u), "topright", _FAINT)
     return surface
@@ -352,7 +357,7 @@ def _draw_gauges(canvas: _Canvas, scene: Scene) -> None:
     )
     gauge, half = gauge + 8 * u, 2.2 * text
     for i, value in enumerate(scene.margins.values()):
-        y, colour = top + i * row, _GOOD if value > 0 else _BAD
+        y, colour = top + i * row, _GOOD if value >= 0 else _BAD
         length = half * min(1.0, abs(value)) if math.isfinite(value) else half
         canvas.box(gauge, y - 5 * u, 2 * half, 10 * u, _GRID)
         canvas.box(gauge + half - (0 if value > 0 else length), y - 5 * u, length, 10 * u, colour)
@@ -389,7 +394,9 @@ def _draw_mechanism(canvas: _Canvas, scene: Scene) -> None:
         if member.kind == "spring":
             turns = [_along(start, end, 0.12 + 0.76 * i / (_COILS - 1)) for i in range(_COILS)]
             coil = [_beside(at, start, end, offset + 3 * u * (-1) ** i) for i, at in enumerate(turns)]
-            canvas.path([start, *coil, end], 1.3 * u, _SPRING)
+            force = scene.tensions.get(member.name)
+            colour, width = (_SPRING, 1.3) if force is None else (tension_colour(force, scene.tension_bounds), 2.2)
+            canvas.path([start, *coil, end], width * u, colour)
         else:
             tension = scene.tensions.get(member.name)
             colour = _FAINT if tension is None else tension_colour(tension, scene.tension_bounds)
@@ -408,6 +415,22 @@ def _draw_mechanism(canvas: _Canvas, scene: Scene) -> None:
     tip = view.pixel(scene.tip)
     canvas.dot(tip, 6 * view.unit, _PAPER)
     canvas.dot(tip, 4.8 * view.unit, _TIP)
+    _draw_load(canvas, scene, tip)
+
+
+def _draw_load(canvas: _Canvas, scene: Scene, tip: Point) -> None:
+    """The force at the tip, as an arrow that begins there."""
+    size = math.hypot(*scene.load)
+    if not size > 1e-3 * scene.load_scale:
+        return
+    u, length = canvas.view.unit, canvas.view.scale * scene.reach / 4 * min(2.0, size / scene.load_scale)
+    x, y = scene.load[0] / size, -scene.load[1] / size
+    head = min(length, 14 * u)
+    end = tip[0] + length * x, tip[1] + length * y
+    canvas.line(tip, (end[0] - head * x, end[1] - head * y), 3 * u, _BAD)
+    for side in (-1, 1):
+        back = end[0] - head * (x - 0.5 * side * y), end[1] - head * (y + 0.5 * side * x)
+        canvas.line(end, back, 3 * u, _BAD)
 
 
 def _line_weight(view: View, scene: Scene, nodes: Mapping[str, Point]) -> float:

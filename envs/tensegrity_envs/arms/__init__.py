@@ -1,11 +1,12 @@
 """The mechanisms as environments: how each is drawn, driven and seen."""
 
+from tensegrity_envs.arms.dual_triangle import DualTrianglePush, DualTriangleReach
 from tensegrity_envs.arms.two_x import TwoXReach
 from tensegrity_envs.core import Core
 
-ARMS: dict[str, type[Core]] = {arm.__name__: arm for arm in (TwoXReach,)}
+ARMS: dict[str, type[Core]] = {arm.__name__: arm for arm in (TwoXReach, DualTriangleReach, DualTrianglePush)}
 
-__all__ = ["ARMS", "TwoXReach", "core_of"]
+__all__ = ["ARMS", "DualTrianglePush", "DualTriangleReach", "TwoXReach", "core_of"]
 
 
 def core_of(arm: str | type[Core], options: dict[str, object]) -> Core:

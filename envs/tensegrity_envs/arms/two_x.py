@@ -11,7 +11,7 @@ from tensegrity_envs.mechanics.namespace import Component, Components, namespace
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.simulation.quasi_static import JointControl, TensionControl
-from tensegrity_envs.tasks.reach import Reach, RewardWeights, weights_from
+from tensegrity_envs.tasks import Reach, ReachWeights
 
 JOINT_LIMIT = 2.6  # [rad] shared with the MuJoCo variants, where a loop could flip beyond it
 CONTROLS: dict[str, type[JointControl] | type[TensionControl]] = {"joint": JointControl, "tension": TensionControl}
@@ -40,6 +40,7 @@ class TwoXReach(Core):
     """
 
     input_name = "tensions"
+    hidden_names = ("payload",)
 
     def __init__(
         self,
@@ -48,7 +49,7 @@ class TwoXReach(Core):
         payload_range: tuple[float, float] | None = None,
         observe: Literal["full", "tip_and_inputs"] = "full",
         reward_type: Literal["dense", "sparse"] = "dense",
-        reward_weights: dict[str, float] | RewardWeights | None = None,
+        reward_weights: dict[str, float] | ReachWeights | None = None,
         tolerance: float = 0.005,
     ) -> None:
         if not isinstance(design, TwoXDesign):
@@ -74,7 +75,7 @@ class TwoXReach(Core):
             joint_span=2 * self.design.joint_limit,
             tolerance=tolerance,
             reward_type=reward_type,
-            weights=weights_from(reward_weights),
+            weights=ReachWeights.given(reward_weights),
         )
         self.sampler = Sampler(self.design, payload_range)
         self.reach = float(self.nominal.reach)
@@ -111,7 +112,7 @@ class TwoXReach(Core):
             parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
         return parts
 
-    def hidden(self, episode: Episode) -> dict[str, Any]:
+    def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
         """The payload [kg]."""
         return {"payload": episode.design.payload}
 

@@ -3,6 +3,22 @@ beside it).
 """
 
 from tensegrity_envs.simulation.protocol import FAILURES, Episode, Simulation, State
-from tensegrity_envs.simulation.quasi_static import InputControl, JointControl, TensionControl
+from tensegrity_envs.simulation.quasi_static import (
+    DeltaControl,
+    FreeLengthControl,
+    InputControl,
+    JointControl,
+    TensionControl,
+)
 
-__all__ = ["FAILURES", "Episode", "InputControl", "JointControl", "Simulation", "State", "TensionControl"]
+__all__ = [
+    "FAILURES",
+    "DeltaControl",
+    "Episode",
+    "FreeLengthControl",
+    "InputControl",
+    "JointControl",
+    "Simulation",
+    "State",
+    "TensionControl",
+]

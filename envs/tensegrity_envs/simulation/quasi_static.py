@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from typing import Any
 
+from tensegrity_envs.mechanics.dual_triangle import DualTriangle
 from tensegrity_envs.mechanics.equilibrium import follow
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.two_x import TwoX
@@ -20,6 +21,9 @@ from tensegrity_envs.simulation.protocol import (
 def clip(xp: Any, value: Component, low: Component, high: Component) -> Component:
     """The value within [low, high]."""
     return xp.minimum(xp.maximum(value, low), high)
+
+
+STEP_SHARE = 0.05  # of the nominal free length: largest change of a free length in a step
 
 
 class JointControl:
@@ -162,6 +166,67 @@ class TensionControl(InputControl):
     def usual_inputs(self, mechanism: TwoX, q: Components, load: Components) -> Components:
         """The stiffest tensions [N]."""
         return mechanism.stiffest_tensions(q)
+
+
+class DeltaControl(InputControl):
+    """The dual-triangle arm, driven by increments of its control inputs delta, one for each segment."""
+
+    def __init__(self, arm: DualTriangle) -> None:
+        self.action_size = arm.segments
+        self.rate = STEP_SHARE * float(arm.design.free_length1)
+        self.rate_unit = "m"
+
+    def bounds(self, mechanism: DualTriangle) -> tuple[Component, Component]:
+        """Within these, no free length is negative [m]."""
+        largest = min(mechanism.design.free_length1, mechanism.design.free_length2)
+        return -largest, largest
+
+    def free_lengths(self, mechanism: DualTriangle, inputs: Components) -> Components:
+        """The free lengths [m] that the inputs stand for."""
+        return mechanism.free_lengths(inputs)
+
+    def statics(self, mechanism: DualTriangle, u: Components, inputs: Components, load: Components) -> Any:
+        """See `DualTriangle.statics`."""
+        return mechanism.statics(u, self.free_lengths(mechanism, inputs), load)
+
+    def margins(
+        self, mechanism: DualTriangle, q: Components, inputs: Components, load: Components
+    ) -> tuple[Component, Component]:
+        """Stability margin; distance of the inputs to their bounds, divided by the nominal free length."""
+        low, high = self.bounds(mechanism)
+        xp = namespace_of(*inputs, *q)
+        slack: Component = None
+        for value in inputs:
+            here = xp.minimum(value - low, high - value)
+            slack = here if slack is None else xp.minimum(slack, here)
+        stability = mechanism.stability_margin(q, self.free_lengths(mechanism, inputs), load)
+        return stability, slack / mechanism.design.free_length1
+
+    def usual_inputs(self, mechanism: DualTriangle, q: Components, load: Components) -> Components:
+        """Those of the control law [m]."""
+        return mechanism.control(q, load)
+
+
+class FreeLengthControl(DeltaControl):
+    """The dual-triangle arm, driven by increments of all its free lengths: co-contraction included."""
+
+    highest = 1.5  # times the nominal free length
+
+    def __init__(self, arm: DualTriangle) -> None:
+        super().__init__(arm)
+        self.action_size = 2 * arm.segments
+
+    def bounds(self, mechanism: DualTriangle) -> tuple[Component, Component]:
+        """From zero to 1.5 times the nominal free length [m]."""
+        return 0.0, self.highest * mechanism.design.free_length1
+
+    def free_lengths(self, mechanism: DualTriangle, inputs: Components) -> Components:
+        """The inputs themselves."""
+        return inputs
+
+    def usual_inputs(self, mechanism: DualTriangle, q: Components, load: Components) -> Components:
+        """Those of the control law [m]."""
+        return mechanism.free_lengths(mechanism.control(q, load))
 
 
 def keep_where(xp: Any, failed: Component, new: State, old: State) -> State:

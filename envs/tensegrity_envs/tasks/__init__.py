@@ -1,5 +1,8 @@
-"""Tasks: what is to be done with a mechanism, what is seen of it, and what it is worth."""
+"""Tasks: what is to be done with a mechanism, and what it is worth."""
 
-from tensegrity_envs.tasks.reach import Reach, RewardWeights
+from tensegrity_envs.tasks.hold import Hold
+from tensegrity_envs.tasks.protocol import Task
+from tensegrity_envs.tasks.reach import Reach
+from tensegrity_envs.tasks.weights import HoldWeights, ReachWeights
 
-__all__ = ["Reach", "RewardWeights"]
+__all__ = ["Hold", "HoldWeights", "Reach", "ReachWeights", "Task"]

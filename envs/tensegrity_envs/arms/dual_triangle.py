@@ -1,0 +1,222 @@
+"""The dual-triangle arm as environments: reaching, loaded or not, and holding against a push."""
+
+from typing import Any, Literal
+
+import numpy as np
+
+from tensegrity_envs.arms.dual_triangle_sampling import Sampler, hold_postures
+from tensegrity_envs.core import Core, Drawn
+from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
+from tensegrity_envs.mechanics.namespace import Component, namespace_of, to_single
+from tensegrity_envs.seeding import EpisodeStream
+from tensegrity_envs.simulation.protocol import Episode, State
+from tensegrity_envs.simulation.quasi_static import DeltaControl, FreeLengthControl
+from tensegrity_envs.tasks import Hold, HoldWeights, Reach, ReachWeights
+
+SEGMENTS = 3
+_MAX_ATTEMPTS = 1000
+
+
+class _DualTriangle(Core):
+    """What the environments of this arm share."""
+
+    simulation: DeltaControl
+    observe_all: bool
+
+    def _take_design(self, design: DualTriangleDesign) -> None:
+        if not isinstance(design, DualTriangleDesign):
+            raise TypeError(
+                f"design = {design!r}: must be a DualTriangleDesign, such as tensegrity_envs.mechanics.ZHAO2021_CAPTION"
+            )
+        self.design = design
+        self.nominal = DualTriangle(design, SEGMENTS)
+        if not self.nominal.straight_critical_loads()[0] > 0:
+            raise ValueError(
+                f"design = {design!r}: the straight arm is unstable; "
+                "condition (2) of [Zhao2021] asks for a longer nominal free length"
+            )
+        self.reach = float(self.nominal.reach)
+        self.critical_load = float(self.nominal.straight_critical_loads()[0])
+
+    def mechanism(self, design: DualTriangleDesign) -> DualTriangle:
+        """See `Core.mechanism`."""
+        return DualTriangle(design, SEGMENTS)
+
+    def observation(self, state: State) -> list[Component]:
+        """Components of the "observation" entry, each within [-1, 1].
+
+        tip / reach (2), inputs from -1 at their lower to 1 at their upper bound, and, if all is observed, sine and
+        cosine of each joint angle (6), stability and wrench margin m as m / (1 + |m|) (2).
+        """
+        xp = namespace_of(state.tip[0])
+        low, high = self.simulation.bounds(self.nominal)
+        parts = [component / self.reach for component in state.tip]
+        parts += [(2 * value - (high + low)) / (high - low) for value in state.inputs]
+        if self.observe_all:
+            for angle in state.configuration:
+                parts += [xp.sin(angle), xp.cos(angle)]
+            parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
+        return parts
+
+    def _observation_size(self) -> int:
+        return 2 + self.simulation.action_size + (2 * SEGMENTS + 2 if self.observe_all else 0)
+
+    def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
+        """The tip force [N]."""
+        return {"load": episode.load_at(state.time)}
+
+    def scene(self, episode: Episode, state: State) -> dict[str, Any]:
+        """See `Core.scene`."""
+        arm = self.mechanism(episode.design)
+        lengths = self.simulation.free_lengths(arm, state.inputs)
+        forces = arm.spring_forces(state.configuration, lengths)
+        springs = [member.name for member in arm.members if member.kind == "spring"]
+        largest = float(self.design.k1) * float(self.design.b1)
+        return {
+            "nodes": arm.nodes(state.configuration),
+            "members": arm.members,
+            "tensions": dict(zip(springs, forces, strict=True)),
+            "tension_bounds": (-largest, largest),
+            "base": ("A1", "B1"),
+            "load": episode.load_at(state.time),
+            "load_scale": self.critical_load,
+        }
+
+
+class DualTriangleReach(_DualTriangle):
+    """The dual-triangle reaching environments.
+
+    Args:
+        design: of the arm that controllers are told about.
+        load_range: if given, every episode draws an unknown tip force, of a size within this range (times the straight
+            arm's critical load) and in any direction.
+        observe: "full", or "tip_and_inputs" (no joint angles, no margins).
+        reward_type: "dense" or "sparse".
+        reward_weights: of the dense reward, by name; those left out keep their default.
+        tolerance: success within this distance [m].
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+        TypeError: `design` is not a design.
+    """
+
+    input_name = "control_inputs"
+    hidden_names = ("load",)
+    control = "delta"
+
+    def __init__(
+        self,
+        design: DualTriangleDesign = ZHAO2021_CAPTION,
+        load_range: tuple[float, float] | None = None,
+        observe: Literal["full", "tip_and_inputs"] = "full",
+        reward_type: Literal["dense", "sparse"] = "dense",
+        reward_weights: dict[str, float] | ReachWeights | None = None,
+        tolerance: float = 0.003,
+    ) -> None:
+        self._take_design(design)
+        if observe not in ("full", "tip_and_inputs"):
+            raise ValueError(f"observe = {observe!r}: must be 'full' or 'tip_and_inputs'")
+        self.observe_all = observe == "full"
+        self.simulation = DeltaControl(self.nominal)
+        self.task = Reach(
+            input_scale=float(design.free_length1),
+            joint_span=2 * float(design.joint_limit),
+            tolerance=tolerance,
+            reward_type=reward_type,
+            weights=ReachWeights.given(reward_weights),
+        )
+        self.sampler = Sampler(self.nominal, self.simulation, load_range)
+        self.set_spaces(self._observation_size())
+
+    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
+        """See `Core.draw`."""
+        start = self.sampler.draw(seed, episode)
+        goal = tuple(to_single(component) for component in self.nominal.tip(start.target_configuration))
+        return Drawn(Episode(self.design, start.load, (), goal), start.configuration, start.inputs)
+
+    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
+        """See `Core.episode_of`."""
+        return Episode(self.design, tuple(np.asarray(info["load"], float).T), (), (x, y))
+
+
+class DualTrianglePush(_DualTriangle):
+    """Hold the tip on a target while an axial force that is not observed grows.
+
+    The force is in -x and grows linearly, from 0 to 0.3 k b in 150 steps; the inputs are all six free lengths, within
+    0 and 1.5 times the nominal one. An episode ends where the arm loses stability or its joint limits, or the tip its
+    tolerance. Score: the force at that moment, divided by the straight arm's critical load at the nominal free length;
+    success from 1 on.
+
+    Args:
+        design: of the arm; its springs must be bilateral.
+        load_per_step: how much the force grows in a step, divided by k b.
+        observe: "full", or "tip_and_inputs" (no joint angles, no margins).
+        reward_type: "dense" or "sparse".
+        reward_weights: of the dense reward, by name; those left out keep their default.
+        tolerance: the episode ends beyond this distance [m].
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+        TypeError: `design` is not a design.
+    """
+
+    input_name = "free_lengths"
+    hidden_names = ()
+    control = "free_lengths"
+
+    def __init__(
+        self,
+        design: DualTriangleDesign = ZHAO2021_CAPTION,
+        load_per_step: float = 0.3 / 150,
+        observe: Literal["full", "tip_and_inputs"] = "full",
+        reward_type: Literal["dense", "sparse"] = "dense",
+        reward_weights: dict[str, float] | HoldWeights | None = None,
+        tolerance: float = 0.006,
+    ) -> None:
+        self._take_design(design)
+        if design.springs != "bilateral":
+            raise ValueError(f"design.springs = {design.springs!r}: must be 'bilateral'")
+        if observe not in ("full", "tip_and_inputs"):
+            raise ValueError(f"observe = {observe!r}: must be 'full' or 'tip_and_inputs'")
+        if not (np.isfinite(load_per_step) and load_per_step > 0):
+            raise ValueError(f"load_per_step = {load_per_step!r}: must be positive")
+        self.observe_all = observe == "full"
+        self.simulation = FreeLengthControl(self.nominal)
+        self.load_rate = -load_per_step * float(design.k1) * float(design.b1)
+        self.task = Hold(
+            reference_load=self.critical_load,
+            input_scale=FreeLengthControl.highest * float(design.free_length1),
+            tolerance=tolerance,
+            reward_type=reward_type,
+            weights=HoldWeights.given(reward_weights),
+        )
+        self.set_spaces(self._observation_size())
+
+    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
+        """Targets uniform in x from 5.0 b to 5.9 b, at y = 0; starts uniform over the first angles that hold them."""
+        n, arm = len(seed), self.nominal
+        stream = EpisodeStream(seed, episode)
+        x = to_single(float(self.design.b1) * stream.uniform(5.0, 5.9))
+        q = np.zeros((SEGMENTS, n))
+        low, high = self.simulation.bounds(arm)
+        pending = np.arange(n)
+        for _ in range(_MAX_ATTEMPTS):
+            here = stream.at(pending)
+            share, side = here.uniform(-0.95, 0.95), np.where(here.uniform() < 0.5, -1.0, 1.0)
+            stream.skip(2)
+            posture = hold_postures(arm, x[pending], share, side)
+            lengths = self.simulation.usual_inputs(arm, posture, (0.0, 0.0))
+            inside = np.all([(value >= low) & (value <= high) for value in lengths], axis=0)
+            good = inside & (arm.limit_margin(posture) > 0.05) & (arm.stability_margin(posture, lengths) > 0)
+            q[:, pending[good]] = np.stack(posture)[:, good]
+            pending = pending[~good]
+            if not len(pending):
+                break
+        else:
+            raise RuntimeError(f"no start found for {self.design} in {_MAX_ATTEMPTS} draws")
+        episodes = Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), (x, 0.0 * x))
+        return Drawn(episodes, tuple(q), None)
+
+    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
+        """See `Core.episode_of`."""
+        return Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), (x, y))

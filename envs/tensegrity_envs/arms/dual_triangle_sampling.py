@@ -1,0 +1,163 @@
+"""Episodes of the dual-triangle arm that can be solved."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_envs.mechanics.compiling import evaluate
+from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
+from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.seeding import EpisodeStream
+from tensegrity_envs.simulation.quasi_static import DeltaControl
+
+_SHARE = 0.95  # of joint and input limits: starts and targets stay within
+_MIN_MARGIN = 0.02  # stability margin of starts and targets [-]
+_LEGS = 3  # of the walk from the start to the target
+_WALK = 80  # steps that the walk takes at most
+_MAX_ATTEMPTS = 1000
+
+
+class Start(NamedTuple):
+    """Configurations [rad], inputs [m] and loads [N] of n arms at rest, and configurations that they can reach."""
+
+    configuration: Components
+    inputs: Components
+    load: Components
+    target_configuration: Components
+
+
+class Sampler:
+    """Draws loads, starts and targets, each a function of (seed, episode) alone.
+
+    Start: a random posture of the unloaded arm, whose control inputs are kept while the load is put on gradually; it
+    counts if the arm stays stable and within its limits. Target: where a random walk of the inputs ends, three straight
+    legs, at most 80 steps at full rate; a leg that loses stability or leaves the limits is not taken. So every episode
+    can be solved, by that very walk.
+
+    Args:
+        arm: nominal.
+        control: its simulation.
+        load_range: of the size of the tip force, as multiples of the straight arm's critical load.
+    """
+
+    def __init__(self, arm: DualTriangle, control: DeltaControl, load_range: tuple[float, float] | None) -> None:
+        self.arm, self.control = arm, control
+        low, high = load_range or (0.0, 0.0)
+        if not (0 <= low <= high and np.isfinite(high)):
+            raise ValueError(
+                f"load_range = {load_range!r}: must be (low, high) with 0 <= low <= high, in critical loads"
+            )
+        self.load_range = (low, high)
+        self.critical = float(arm.straight_critical_loads()[0])
+
+    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Start:
+        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
+        n, m = len(seed), self.arm.segments
+        stream = EpisodeStream(seed, episode)
+        size = self.critical * stream.uniform(*self.load_range)
+        direction = stream.uniform(-np.pi, np.pi)
+        load = np.stack([size * np.cos(direction), size * np.sin(direction)])
+        q, inputs, goal = np.zeros((m, n)), np.zeros((m, n)), np.zeros((m, n))
+        pending = np.arange(n)
+        for _ in range(_MAX_ATTEMPTS):
+            here = stream.at(pending)
+            force = tuple(load[:, pending])
+            start, delta, target, good = self._try(here, force)
+            stream.skip(m + _LEGS * m)
+            done = pending[good]
+            q[:, done], inputs[:, done], goal[:, done] = (np.stack(v)[:, good] for v in (start, delta, target))
+            pending = pending[~good]
+            if not len(pending):
+                return Start(tuple(q), tuple(inputs), tuple(load), tuple(goal))
+        raise RuntimeError(f"no start found for {self.arm.design} in {_MAX_ATTEMPTS} draws: lower load_range")
+
+    def _try(self, stream: EpisodeStream, load: Components) -> tuple[Components, Components, Components, np.ndarray]:
+        design, m = self.arm.design, self.arm.segments
+        limit = _SHARE * float(design.joint_limit)
+        posture = tuple(stream.uniform(-limit, limit) for _ in range(m))
+        low, high = self.control.bounds(self.arm)
+        inputs = self.arm.control(posture)
+        allowed = np.all([np.abs(delta) <= _SHARE * high for delta in inputs], axis=0)
+        ways = [tuple(stream.uniform(_SHARE * low, _SHARE * high) for _ in range(m)) for _ in range(_LEGS)]
+        if not any(self.load_range):
+            # Without a load every posture within the limits can be reached from every other.
+            goal = self.arm.control(tuple(way * limit / (_SHARE * high) for way in ways[0]))
+            ways = [goal] * _LEGS
+            allowed &= np.all([np.abs(delta) <= _SHARE * high for delta in goal], axis=0)
+        steps = _WALK * self.control.rate
+        q, target, moved, fine = evaluate(
+            _walk, design, m, posture, inputs, load, tuple(ways), (limit, _MIN_MARGIN, float(steps))
+        )
+        return q, inputs, target, allowed & fine & moved
+
+
+def _walk(
+    design: DualTriangleDesign,
+    segments: int,
+    posture: Components,
+    inputs: Components,
+    load: Components,
+    ways: tuple[Components, ...],
+    bounds: tuple[float, float, float],
+) -> tuple[Components, Components, Component, Component]:
+    """Put the load on, then move the inputs leg by leg.
+
+    Returns the start, the end, whether a leg was taken, and whether the start is fine.
+    """
+    arm = DualTriangle(design, segments)
+    limit, margin, length = bounds
+
+    def fine(q: Components, delta: Components, fraction: Component) -> Component:
+        stability = arm.stability_margin(q, arm.free_lengths(delta), load)
+        return (fraction >= 1) & (stability >= margin) & (limit - _largest(arm, q) >= 0)
+
+    def put_on(q: Components, t: Component) -> Any:
+        return arm.statics(q, arm.free_lengths(inputs), tuple(t * force for force in load))
+
+    start, fraction = follow(put_on, posture)
+    good = fine(start, inputs, fraction)
+    xp = arm._xp(*posture)
+    here, delta, left, moved = start, inputs, length, 0.0
+    for way in ways:
+        gap = _largest(arm, tuple(w - d for w, d in zip(way, delta, strict=True)))
+        share = xp.minimum(1.0, left / xp.maximum(gap, 1e-12))
+        new = tuple(d + share * (w - d) for w, d in zip(way, delta, strict=True))
+
+        def leg(q: Components, t: Component, old: Components = delta, new: Components = new) -> Any:
+            return arm.statics(q, arm.free_lengths(tuple(o + t * (n - o) for o, n in zip(old, new, strict=True))), load)
+
+        end, fraction = follow(leg, here)
+        taken = fine(end, new, fraction)
+        here = tuple(xp.where(taken, e, h) for e, h in zip(end, here, strict=True))
+        delta = tuple(xp.where(taken, n, d) for n, d in zip(new, delta, strict=True))
+        left = left - xp.where(taken, share * gap, 0.0)
+        moved = xp.where(taken, 1.0, moved)
+    return start, here, moved > 0, good
+
+
+def _largest(arm: DualTriangle, values: Components) -> Component:
+    xp = arm._xp(*values)
+    largest = abs(values[0])
+    for value in values[1:]:
+        largest = xp.maximum(largest, abs(value))
+    return largest
+
+
+def hold_postures(arm: DualTriangle, x: np.ndarray, share: np.ndarray, side: np.ndarray) -> Components:
+    """Postures with the tip at (x, 0): a point of the self-motion curve, `share` in [-1, 1] of the way to its end.
+
+    The second segment's pivot lies at an angle w from the axis; feasible ones have the tip within reach of the last
+    two links. `side` (+-1) chooses the elbow.
+    """
+    first, second, last = (float(length) for length in arm.link_lengths)
+    u = x - float(arm.design.b1)
+    # Law of cosines: |pivot 2 - tip| <= second + last
+    widest = np.arccos(np.clip((u * u + first**2 - (second + last) ** 2) / (2 * u * first), -1.0, 1.0))
+    q1 = share * widest
+    px, py = u - first * np.cos(q1), -first * np.sin(q1)
+    rho = np.minimum(np.hypot(px, py), second + last)
+    bend = np.arccos(np.clip((rho**2 - second**2 - last**2) / (2 * second * last), -1.0, 1.0))
+    q3 = side * bend
+    q2 = np.arctan2(py, px) - np.arctan2(last * np.sin(q3), second + last * np.cos(q3)) - q1
+    return q1, np.pi - (np.pi - q2) % (2 * np.pi), q3

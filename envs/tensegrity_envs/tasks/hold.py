@@ -1,0 +1,80 @@
+"""Hold: keep the tip on a target while an unseen force grows, for as long as it can be done."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from tensegrity_envs.mechanics.namespace import Component, namespace_of
+from tensegrity_envs.simulation.protocol import OFF_TARGET, RUNNING, Episode, State
+from tensegrity_envs.tasks.weights import HoldWeights, check_form
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Score and reward of holding against a growing force.
+
+    Attributes:
+        reference_load: the force that counts as 1 [N].
+        input_scale: scale of the effort [m].
+        tolerance: the episode ends when the tip is farther than this from the target [m].
+        reward_type: "dense", or "sparse" (1 while a force of at least the reference is held, else 0).
+        weights: of the dense reward.
+    """
+
+    reference_load: float
+    input_scale: float
+    tolerance: float = 0.006
+    reward_type: str = "dense"
+    weights: HoldWeights = field(default_factory=HoldWeights)
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            ValueError: an unknown reward type, or a tolerance that is not positive.
+        """
+        check_form(self.reward_type, self.tolerance)
+
+    def score(self, state: State, episode: Episode) -> Component:
+        """The largest force held so far, divided by the reference.
+
+        In the step in which the episode fails, the force before it.
+        """
+        xp = namespace_of(*state.tip, state.time)
+        held = xp.where(state.failure == RUNNING, state.time, xp.maximum(state.time - 1, 0.0))
+        fx, fy = episode.load_at(held)
+        return xp.hypot(fx, fy) / self.reference_load
+
+    def is_success(self, error: Component, state: State, episode: Episode) -> Component:
+        """Whether a force of at least the reference has been held."""
+        return self.score(state, episode) >= 1
+
+    def judge(self, xp: Any, error: Component, state: State) -> State:
+        """Being off target is a failure, unless the arm has failed otherwise."""
+        physical = xp.where(state.failure == OFF_TARGET, RUNNING, state.failure)
+        off = (error > self.tolerance) & (physical == RUNNING)
+        return state._replace(failure=xp.where(off, OFF_TARGET, physical))
+
+    def measures(self, state: State, episode: Episode) -> dict[str, Component]:
+        """The score so far."""
+        return {"score": self.score(state, episode)}
+
+    def effort(self, state: State) -> Component:
+        """Mean over the inputs of (input / scale)^2."""
+        total: Component = 0.0
+        for value in state.inputs:
+            total = total + value * value
+        return total / (len(state.inputs) * self.input_scale**2)
+
+    def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
+        """The weighted terms of the reward by name; all zero in the step in which the episode fails."""
+        running = xp.where(state.failure == RUNNING, 1.0, 0.0)
+        success = xp.where(self.score(state, episode) >= 1, running, 0.0)
+        if self.reward_type == "sparse":
+            return {"success": success}
+        w = self.weights
+        return {
+            "hold": w.hold * running,
+            "distance": w.distance * running * xp.maximum(1.0 - error / self.tolerance, 0.0),
+            "stability": w.stability * running * xp.minimum(xp.maximum(state.stability_margin / 0.1, 0.0), 1.0),
+            "success": w.success * success,
+        }

@@ -1,0 +1,93 @@
+"""Weights of the rewards' terms, each zero or positive; a term scores between 0 and 1 before it is weighted."""
+
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
+
+import numpy as np
+
+W = TypeVar("W", bound="Weights")
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What all weights share: they are finite, zero or positive."""
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            ValueError: a weight is negative or not finite.
+        """
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (np.isscalar(value) and np.isfinite(value) and value >= 0):  # type: ignore[arg-type, operator]
+                raise ValueError(f"reward weight {field.name} = {value!r}: must be a finite number, zero or positive")
+
+    @classmethod
+    def given(cls: type[W], weights: dict[str, float] | Any | None) -> W:
+        """Weights by name; those left out keep their default.
+
+        Raises:
+            ValueError: a name is unknown, or a weight negative or not finite.
+        """
+        if isinstance(weights, cls):
+            return weights
+        known = [field.name for field in fields(cls)]
+        for name in weights or {}:
+            if name not in known:
+                raise ValueError(f"reward_weights: no term {name!r}; there are {', '.join(known)}")
+        return cls(**(weights or {}))
+
+
+@dataclass(frozen=True)
+class ReachWeights(Weights):
+    """Weights of the dense reward's terms, each zero or positive; a term scores between 0 and 1 before it is weighted.
+
+    Attributes:
+        distance: 1 / (1 + sqrt(tip error / tolerance)): 1 at the target, 1/2 at one tolerance from it, 1/11 at a
+            hundred.
+        potential: 1 in the nearest feasible configuration that puts the tip on the target, falling linearly with the
+            joint distance to it. The reachable set has a hole and two sheets, so that walking straight towards the
+            target runs into its boundary; this term knows the way round. It uses inverse solutions that the agent does
+            not see.
+        success: 1 while the tip is within tolerance.
+        effort: 1 with all inputs at zero, 0 with every input at its scale (tensions: at their maximum).
+        stability: rises with the stability margin, up to 1 at 0.2.
+        wrench: rises with the wrench margin, up to 1 at 0.2.
+    """
+
+    distance: float = 0.3
+    potential: float = 0.5
+    success: float = 0.5
+    effort: float = 0.05
+    stability: float = 0.05
+    wrench: float = 0.05
+
+
+@dataclass(frozen=True)
+class HoldWeights(Weights):
+    """Weights of the dense reward of holding.
+
+    Attributes:
+        hold: 1 in every step.
+        distance: 1 on the target, 0 where the tolerance ends.
+        stability: rises with the stability margin, up to 1 at 0.1.
+        success: 1 while a force of at least the reference is held.
+    """
+
+    hold: float = 0.5
+    distance: float = 0.25
+    stability: float = 0.1
+    success: float = 0.5
+
+
+def check_form(reward_type: str, tolerance: float) -> None:
+    """Validate what all tasks have.
+
+    Raises:
+        ValueError: an unknown reward type, or a tolerance that is not positive.
+    """
+    if reward_type not in ("dense", "sparse"):
+        raise ValueError(f"reward_type = {reward_type!r}: must be 'dense' or 'sparse'")
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise ValueError(f"tolerance = {tolerance!r}: must be a positive length [m]")
