@@ -37,7 +37,7 @@ def main(
         changed = {
             "seeds": [int(part) for part in seeds.split(",")] if seeds else experiment.seeds,
             "episodes": episodes or experiment.episodes,
-            "controllers": [*experiment.controllers, *(controller or [])],
+            "controllers": [*experiment.compared, *(controller or [])],
         }
         experiment = type(experiment)(**experiment.model_dump() | changed)
         folder = out or Path("results") / experiment.env.split("/")[1]

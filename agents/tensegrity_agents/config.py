@@ -9,7 +9,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 import tensegrity_envs
-from tensegrity_agents.controllers import BASELINES
+from tensegrity_agents.controllers import baselines_of
 
 
 class ConfigError(ValueError):
@@ -73,8 +73,8 @@ class Experiment(_Strict):
     env: str
     train: TrainConfig
     seeds: list[int] = Field([0], min_length=1, description="training seeds, one agent each")
-    controllers: list[str] = Field(
-        ["closed_form_ik", "pseudo_inverse", "observer", "oracle", "random"], description="baselines, or module:Class"
+    controllers: list[str] | None = Field(
+        None, description="names of baselines, or module:Class; all of the environment's baselines by default"
     )
     episodes: int = Field(1000, ge=1, description="held-out test episodes")
     video_episode: int = Field(0, ge=0, description="which test episode the video shows")
@@ -89,22 +89,25 @@ class Experiment(_Strict):
             raise ValueError(f"no environment {value!r}{hint}; there are {', '.join(tensegrity_envs.ENV_IDS)}")
         return value
 
-    @field_validator("controllers")
-    @classmethod
-    def _known_controllers(cls, value: list[str]) -> list[str]:
-        for name in value:
-            if name not in BASELINES and ":" not in name:
-                raise ValueError(
-                    f"no controller {name!r}; there are {', '.join(BASELINES)}, or your own as 'module:Class'"
-                )
-        return value
-
     @field_validator("seeds")
     @classmethod
     def _usable_seeds(cls, value: list[int]) -> list[int]:
         if len(set(value)) != len(value) or min(value) < 0 or max(value) >= 900:
             raise ValueError(f"seeds {value}: must be different numbers from 0 to 899")
         return value
+
+    @model_validator(mode="after")
+    def _controllers_are_known(self) -> "Experiment":
+        known = baselines_of(self.env)
+        for name in self.controllers or []:
+            if name not in known and ":" not in name:
+                raise ValueError(f"no controller {name!r}; there are {', '.join(known)}, or your own as 'module:Class'")
+        return self
+
+    @property
+    def compared(self) -> list[str]:
+        """The controllers that agents are compared with: those given, else all baselines of the environment."""
+        return list(baselines_of(self.env)) if self.controllers is None else self.controllers
 
     @model_validator(mode="after")
     def _env_options_fit(self) -> "Experiment":

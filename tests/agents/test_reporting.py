@@ -231,7 +231,7 @@ def test_joint_space_and_workspace():
     for failures in (0, 3, 60):
         success = np.arange(60) >= failures
         ends = figures.Endings(tips, tips[::-1], tips[::-1] + 0.01, success, [tips[:4]] * 60 if failures == 3 else None)
-        figure = drawn(figures.workspace(MURALIDHARAN2022, ends, "agent"))
+        figure = drawn(figures.workspace(figures.swfw(MURALIDHARAN2022), ends, "agent"))
         labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
         assert any(label.startswith(f"not reached: {failures}") for label in labels) == (failures > 0)
 
@@ -241,7 +241,7 @@ def test_joint_space_of_an_arm_that_nothing_holds():
     limp = TwoXDesign(b=0.05, l=0.1, a=0.2, k1=0.0, k2=0.0, min_tension=1.0, max_tension=1.1, payload=50.0)
     drawn(figures.joint_space(limp))
     nothing = np.empty((0, 2))
-    drawn(figures.workspace(limp, figures.Endings(nothing, nothing, nothing, np.empty(0, bool))))
+    drawn(figures.workspace(figures.swfw(limp), figures.Endings(nothing, nothing, nothing, np.empty(0, bool))))
 
 
 def test_joint_space_has_the_published_edge():

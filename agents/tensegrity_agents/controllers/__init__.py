@@ -2,32 +2,52 @@
 
 import importlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 
-from tensegrity_agents.controllers.analytic import BASELINES
+from tensegrity_agents.controllers import two_x
+from tensegrity_agents.controllers.random import RandomController
+from tensegrity_envs.core import Core
 
-__all__ = ["BASELINES", "make_controller"]
+__all__ = ["BASELINES", "baselines_of", "make_controller"]
+
+# By the name of the environment's arm (tensegrity_envs.arms), then by their own: how to make each for a core.
+BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
+    "TwoXReach": {
+        "closed_form_ik": two_x.ClosedFormIK,
+        "pseudo_inverse": two_x.PseudoInverse,
+        "observer": two_x.Observer,
+        "oracle": two_x.Oracle,
+    },
+}
+
+
+def baselines_of(env_id: str) -> dict[str, Callable[[Core], Any]]:
+    """The baselines of an environment by name, the strongest last but for the random one."""
+    arm = gym.spec(env_id).kwargs["arm"]
+    return BASELINES.get(arm, {}) | {"random": RandomController}
 
 
 def make_controller(name: str, env_id: str) -> Any:
     """A baseline by name, or a class of your own as "module:Class".
 
     Args:
-        name: one of BASELINES, or "module:Class"; the module is looked up on the path and in the working directory, the
-            class is called without arguments.
+        name: one of `baselines_of(env_id)`, or "module:Class"; the module is looked up on the path and in the working
+            directory, the class is called without arguments.
         env_id: Gymnasium id of the environment that it will control.
 
     Raises:
         ValueError: there is no such controller; the message lists those that exist.
     """
-    if name in BASELINES:
+    baselines = baselines_of(env_id)
+    if name in baselines:
         env: Any = gym.make(env_id).unwrapped
-        return BASELINES[name](env.core)
+        return baselines[name](env.core)
     if ":" not in name:
-        raise ValueError(f"controller {name!r}: there are {', '.join(BASELINES)}, or your own class as 'module:Class'")
+        raise ValueError(f"controller {name!r}: there are {', '.join(baselines)}, or your own class as 'module:Class'")
     module_name, _, class_name = name.partition(":")
     here = str(Path.cwd())
     if here not in sys.path:

@@ -96,7 +96,7 @@ def compare(experiment: Experiment, folder: Path, progress: Progress, fresh: boo
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.yaml").write_text(yaml.safe_dump(experiment.model_dump(mode="json"), sort_keys=False))
     # A controller that does not load should not cost a training first.
-    baselines = {name: make_controller(name, experiment.env) for name in experiment.controllers}
+    baselines = {name: make_controller(name, experiment.env) for name in experiment.compared}
     agents = train_agents(experiment, folder, progress, fresh)
     runs = []
     name = agent_name(experiment)

@@ -17,8 +17,9 @@ COLUMNS = (
     "infeasible_share",  # of the steps, in which no feasible tensions held the arm
     "min_stability_margin",
     "min_wrench_margin",
-    "effort",  # mean over steps and cables of (tension / max_tension)^2
+    "effort",  # mean over steps and inputs of (input / scale)^2
     "return",  # sum of rewards
+    "score",  # of tasks that have one (holding: largest force held, in critical loads), else NaN
 )
 
 

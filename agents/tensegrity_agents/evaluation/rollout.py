@@ -115,6 +115,7 @@ class _Record:
         self.first = np.full(count, np.nan)
         self.error = np.full(count, np.nan)
         self.stability, self.wrench = np.full(count, np.inf), np.full(count, np.inf)
+        self.score = np.full(count, np.nan)
         self.reasons = [""] * count
 
     def add(self, info: dict[str, Any], reward: np.ndarray, alive: np.ndarray, initial: bool = False) -> None:
@@ -126,6 +127,8 @@ class _Record:
             alive & success & np.isnan(self.first)
         ]
         self.ever |= success & alive
+        if "score" in info:
+            self.score[alive] = info["score"][alive]
         self.stability[alive] = np.minimum(self.stability, info["stability_margin"])[alive]
         self.wrench[alive] = np.minimum(self.wrench, info["wrench_margin"])[alive]
         if initial:
@@ -139,7 +142,7 @@ class _Record:
             self.reasons[i] = str(info["termination_reason"][i])
 
     def columns(self) -> dict[str, np.ndarray]:
-        """The columns of the table. An episode that ended by failure did not succeed."""
+        """The columns of the table."""
         steps = np.maximum(self.steps, 1)
         return {
             "success": self.success.astype(float),
@@ -153,4 +156,5 @@ class _Record:
             "min_wrench_margin": self.wrench,
             "effort": self.effort / steps,
             "return": self.total,
+            "score": self.score,
         }

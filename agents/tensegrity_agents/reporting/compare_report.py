@@ -12,7 +12,9 @@ from tensegrity_agents.config import Experiment
 from tensegrity_agents.evaluation.compare import Comparison, Progress
 from tensegrity_agents.reporting import figures, table, video
 from tensegrity_agents.reporting.report import collect_metadata, write_report
+from tensegrity_envs.mechanics import TwoXDesign
 from tensegrity_envs.seeding import TEST_SEED
+from tensegrity_envs.tasks import Hold
 
 _PATHS = 12  # episodes whose joint paths are drawn
 _WORKSPACE_EPISODES = 300
@@ -28,8 +30,8 @@ def write_comparison(
     """
     runs = comparison.runs
     envs = gym.make_vec(experiment.env, 1, vectorization_mode="vector_entry_point")
-    design, reach = envs.unwrapped.design, float(envs.unwrapped.core.reach)  # type: ignore[attr-defined]
-    rows = table.summary_rows(runs, reach)
+    core: Any = envs.unwrapped.core  # type: ignore[attr-defined]
+    rows = table.summary_rows(runs, float(core.reach))
     (folder / "summary.md").write_text(table.to_markdown(rows) + "\n\n" + table.verdict(rows) + "\n")
     pictures = folder / "figures"
     pictures.mkdir(exist_ok=True)
@@ -51,14 +53,21 @@ def write_comparison(
         drawn(name)
 
     keep("success", figures.success_bars(rows))
-    keep("error", figures.error_distribution(runs))
+    if isinstance(core.task, Hold):
+        keep("scores", figures.scores(runs))
+    else:
+        keep("error", figures.error_distribution(runs, core.task.tolerance))
     keep("steps", figures.success_over_steps(runs))
-    paths = {name: _paths(controller, experiment, _PATHS)[0] for name, controller in shown.items()}
-    keep("joint_space", figures.joint_space(design, paths, look))
-    keep(
-        "workspace",
-        figures.workspace(design, _paths(comparison.controllers[agent], experiment, _WORKSPACE_EPISODES)[1], agent),
-    )
+    paths = {name: _paths(controller, experiment, _PATHS) for name, controller in shown.items()}
+    if isinstance(core.design, TwoXDesign):
+        shade = figures.swfw(core.design)
+        keep("joint_space", figures.joint_space(core.design, {name: path[0] for name, path in paths.items()}, look))
+    else:
+        shade = figures.reachable(_tips(core))
+        tips = {name: list(ends.paths or ()) for name, (_, ends) in paths.items()}
+        keep("tip_paths", figures.tip_paths(shade, tips, next(iter(paths.values()))[1].target, look))
+    endings = _paths(comparison.controllers[agent], experiment, _WORKSPACE_EPISODES)[1]
+    keep("workspace", figures.workspace(shade, endings, agent))
     first = next(iter(comparison.curves.values()))
     keep("learning_curve", figures.learning_curve(first))
     film = video.record(
@@ -88,6 +97,16 @@ def write_comparison(
     )
     drawn("report")
     return report, rows
+
+
+def _tips(core: Any, count: int = 40_000) -> np.ndarray:
+    """Tip positions (2, count) of random configurations within the joint limits that the inputs can hold [m]."""
+    limit = float(core.design.joint_limit)
+    q = tuple(np.random.default_rng(0).uniform(-limit, limit, (core.nominal.degrees_of_freedom, count)))
+    low, high = core.simulation.bounds(core.nominal)
+    inputs = core.simulation.usual_inputs(core.nominal, q, (0.0, 0.0))
+    held = np.all([(value >= low) & (value <= high) for value in inputs], axis=0)
+    return np.stack(core.nominal.tip(q))[:, held]
 
 
 def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np.ndarray], figures.Endings]:

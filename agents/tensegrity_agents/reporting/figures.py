@@ -59,6 +59,7 @@ _INK, _FAINT, _GOOD, _BAD = "#1e242c", "#6b7480", "#009e73", "#d55e00"
 
 # Okabe and Ito's colours for colour-blind readers without their yellow, which white paper swallows; then some of Tol's.
 _AGENTS = ("#d55e00", "#cc79a7", "#882255", "#aa4499")
+_AREA = "#e6edf5"
 _BASELINES = ("#0072b2", "#009e73", "#e69f00", "#56b4e9", "#999933", "#332288")
 _DASHES: tuple[Any, ...] = ("solid", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
 _MARKERS = "osD^vPX*"
@@ -331,23 +332,104 @@ def joint_space(
     return figure
 
 
+def swfw(design: TwoXDesign) -> Callable[[Any], np.ndarray]:
+    """Paints the stable wrench-feasible workspace of a 2-X."""
+
+    def paint(axes: Any) -> np.ndarray:
+        mechanism, a1, a2, margin = _joint_grid(design)
+        x, y = mechanism.tip((a1, a2))
+        corners = np.minimum.reduce([margin[:-1, :-1], margin[1:, :-1], margin[:-1, 1:], margin[1:, 1:]])
+        axes.pcolormesh(
+            x, y, np.ma.masked_less_equal(corners, 0), cmap=ListedColormap([_AREA]), rasterized=True, antialiased=False
+        )
+        return np.stack([v[:-1, :-1][corners > 0] for v in (x, y)])
+
+    return paint
+
+
+def reachable(tips: np.ndarray) -> Callable[[Any], np.ndarray]:
+    """Paints where the tip can be, from many of its positions, shape (2, n) [m]."""
+
+    def paint(axes: Any) -> np.ndarray:
+        size = float(np.ptp(tips, axis=1).max()) / 60
+        axes.hexbin(
+            *tips,
+            gridsize=np.maximum(np.ptp(tips, axis=1) / size, 1).astype(int),
+            mincnt=1,
+            zorder=0,
+            bins=[0],
+            cmap=ListedColormap([_AREA]),
+            linewidths=0.2,
+        )
+        return tips
+
+    return paint
+
+
 @_styled
-def workspace(design: TwoXDesign, episodes: Endings, title: str = "") -> Figure:
-    """The stable wrench-feasible workspace, the targets that were reached, and the tip's paths where they were not.
+def tip_paths(
+    shade: Callable[[Any], np.ndarray],
+    trajectories: Mapping[str, Sequence[np.ndarray]],
+    targets: np.ndarray,
+    look: Mapping[str, Look],
+) -> Figure:
+    """The tip's paths of several controllers in the same episodes.
 
     Args:
-        design: the manipulator.
+        shade: paints the workspace into the axes.
+        trajectories: tip positions [m] by controller, one array of shape (k, 2) for each episode.
+        targets: shape (episodes, 2) [m].
+        look: of the controllers, see `looks`.
+    """
+    figure = _figure(6.9, 4.7)
+    axes = figure.subplots()
+    shade(axes)
+    handles: list[Any] = []
+    for name, paths in trajectories.items():
+        for path in paths:
+            axes.plot(*path.T, **(look[name].line | {"linewidth": 1.2}), alpha=0.9)
+            axes.plot(*path[0], "o", markersize=3.6, color="white", markeredgecolor=look[name].colour, zorder=4)
+            axes.plot(*path[-1], look[name].marker, markersize=4.2, color=look[name].colour, zorder=4)
+        handles.append(
+            Line2D([], [], marker=look[name].marker, markersize=4.2, label=_short(name, 20), **look[name].line)
+        )
+    handles += axes.plot(*targets.T, "x", markersize=7, color=_INK, label="target", zorder=5)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    _legend(axes, handles)
+    return figure
+
+
+@_styled
+def scores(runs: list[Run], success: float = 1.0) -> Figure:
+    """Share of episodes in which at least a score was reached; where success begins is marked."""
+    figure = _figure(7.2, 3.5)
+    axes = figure.subplots()
+    groups = grouped(runs)
+    look = looks({name: group[0].kind for name, group in groups.items()})
+    for name, group in groups.items():
+        reached = np.sort(np.concatenate([run.columns["score"] for run in group]))
+        share = 100 * (1 - np.arange(len(reached)) / len(reached))
+        x, y = np.concatenate([[0.0], reached]), np.concatenate([[100.0], share])
+        axes.step(np.append(x, x[-1]), np.append(y, 0.0), where="pre", label=_short(name), **look[name].line)
+    axes.axvline(success, color=_INK, linewidth=1.0)
+    axes.set(ylim=(0, 101.5), xlabel="score: force held / critical load of the straight arm [-]")
+    axes.set(xlim=(0, None), ylabel="episodes that reach it [%]")
+    _legend(axes)
+    return figure
+
+
+@_styled
+def workspace(shade: Callable[[Any], np.ndarray], episodes: Endings, title: str = "") -> Figure:
+    """The workspace, the targets that were reached, and the tip's paths where they were not.
+
+    Args:
+        shade: paints the workspace into the axes, see `swfw` and `reachable`.
         episodes: of one controller.
         title: its name, say.
     """
-    mechanism, a1, a2, margin = _joint_grid(design)
     figure = _figure(6.9, 4.7)
     axes = figure.subplots()
-    x, y = mechanism.tip((a1, a2))
-    corners = np.minimum.reduce([margin[:-1, :-1], margin[1:, :-1], margin[:-1, 1:], margin[1:, 1:]])
-    axes.pcolormesh(
-        x, y, np.ma.masked_less_equal(corners, 0), cmap=ListedColormap(["#e6edf5"]), rasterized=True, antialiased=False
-    )
+    area = shade(axes)
     success = np.asarray(episodes.success, bool)
     failed = np.flatnonzero(~success)
     target, start, final = (
@@ -368,8 +450,7 @@ def workspace(design: TwoXDesign, episodes: Endings, title: str = "") -> Figure:
         axes.plot(*target[drawn].T, "x", markersize=6, color=_INK, label=f"not reached: {len(failed):,}{which}")
     axes.plot(0, 0, "^", markersize=7, color=_INK, label="base")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=_short(title, 60))
-    inside = corners > 0
-    shown = [np.concatenate([v[:-1, :-1][inside], *points.T[k : k + 1], [0.0]]) for k, v in enumerate((x, y))]
+    shown = [np.concatenate([v, *points.T[k : k + 1], [0.0]]) for k, v in enumerate(area)]
     rims = [0.04 * max(float(np.ptp(values)), 1e-6) for values in shown]
     left, bottom = (float(values.min()) - rim for values, rim in zip(shown, rims, strict=True))
     right, top = (float(values.max()) + rim for values, rim in zip(shown, rims, strict=True))

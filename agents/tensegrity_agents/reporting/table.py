@@ -48,6 +48,7 @@ def summary_rows(runs: list[Run], reach: float | None = None) -> list[Row]:
         success, success_low, success_high with interval ("Wilson", or "bootstrap" over runs and episodes, success then
         being the interquartile mean over runs), success_runs (each run's), success_ever, normalized (success with
         random = 0 and oracle = 1, NaN where unknown);
+        score, score_low, score_high (mean over runs and episodes, bootstrap interval; NaN where the task has none);
         error_median_mm, error_p95_mm, and with `reach` error_median_share, error_p95_share of it;
         steps_median (to the target, of the episodes that got there; NaN if none), ended_early (share of the episodes);
         unstable, infeasible (share of all steps); stability_margin_p5, wrench_margin_p5 (5th percentile, over episodes,
@@ -98,6 +99,10 @@ def _row(group: list[Run], reach: float | None) -> Row:
     reached, steps = column("steps_to_target"), column("steps")
     reached = reached[~np.isnan(reached)]
     training_runs = len(group) if first.kind == "agent" or first.training_seed is not None else 0
+    scores = np.stack([run.columns["score"] for run in group])
+    score = Estimate(math.nan, math.nan, math.nan)
+    if np.isfinite(scores).all():
+        score = stratified_bootstrap(scores, lambda values: float(np.mean(values)))
     row = {
         "controller": first.controller,
         "kind": first.kind,
@@ -110,6 +115,9 @@ def _row(group: list[Run], reach: float | None) -> Row:
         "success_high": success.high,
         "interval": interval,
         "success_runs": successes.mean(axis=1).tolist(),
+        "score": score.point,
+        "score_low": score.low,
+        "score_high": score.high,
         "success_ever": float(column("success_ever").mean()),
         "error_median_mm": median,
         "error_p95_mm": p95,
@@ -182,6 +190,13 @@ def microseconds(value: float) -> str:
     return _NONE if math.isnan(value) else f"{value:.{0 if value >= 100 else 1 if value >= 10 else 2}f}"
 
 
+def score_text(row: Row) -> str:
+    """Mean score with its interval, "1.52 [1.49, 1.55]"."""
+    if math.isnan(row["score"]):
+        return _NONE
+    return f"{row['score']:.2f} [{row['score_low']:.2f}, {row['score_high']:.2f}]"
+
+
 def steps_text(value: float) -> str:
     """A median number of steps, or a dash where the target was never reached."""
     return _NONE if math.isnan(value) else f"{value:g}"
@@ -194,17 +209,21 @@ def print_table(rows: list[Row], console: Console) -> None:
     """
     narrow = console.width < 98
     episodes = max((row["episodes"] for row in rows), default=0)
+    with_score = any(not math.isnan(row["score"]) for row in rows)
+    explained = "ever: on target at any step. steps: median of the episodes that got there."
+    if with_score:
+        explained = "score: largest force held, in critical loads of the straight arm."
     table = Table(
         box=box.SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
         pad_edge=False,
-        caption=f"{episodes:,} episodes. ever: on target at any step. steps: median of the episodes that got there. "
-        "unstable, infeasible: share of all steps.",
+        caption=f"{episodes:,} episodes. {explained} unstable, infeasible: share of all steps.",
         caption_justify="left",
     )
     table.add_column("controller", overflow="fold", max_width=22, min_width=15)
     headers = (
         "success [%]\n95% interval",
+        "score\n95% interval",
         "ever\n[%]",
         "error [mm]\nmedian",
         "\n95th",
@@ -214,7 +233,9 @@ def print_table(rows: list[Row], console: Console) -> None:
         "effort\n[-]",
         "µs per\naction",
     )
-    shown = [i for i in range(len(headers)) if not (narrow and i in (5, 6, 7))]
+    # A score takes the place of the error and the steps to the target.
+    left_out = ({2, 3, 4, 5} if with_score else {1}) | ({6, 7, 8} if narrow else set())
+    shown = [i for i in range(len(headers)) if i not in left_out]
     for i in shown:
         table.add_column(Text(headers[i]), justify="right", no_wrap=True)
     best = best_baseline(rows)
@@ -225,6 +246,7 @@ def print_table(rows: list[Row], console: Console) -> None:
             name.append(f"\n{remark}", style="not bold dim")
         cells = (
             success_text(row),
+            score_text(row),
             percent(row["success_ever"]),
             millimetres(row["error_median_mm"]),
             millimetres(row["error_p95_mm"]),
@@ -242,7 +264,15 @@ def print_table(rows: list[Row], console: Console) -> None:
 def to_markdown(rows: list[Row]) -> str:
     """The rows as a Markdown table, agents in bold."""
     with_reach = all("error_p95_share" in row for row in rows)
-    header = ["controller", "success [%], 95% interval", "ever [%]", "final error [mm] median", "95th percentile"]
+    with_score = any(not math.isnan(row["score"]) for row in rows)
+    header = [
+        "controller",
+        "success [%], 95% interval",
+        *(["score, 95% interval"] if with_score else []),
+        "ever [%]",
+        "final error [mm] median",
+        "95th percentile",
+    ]
     header += ["95th percentile [% of reach]"] if with_reach else []
     header += ["steps to target", "unstable steps [%]", "infeasible steps [%]", "stability margin, 5th percentile"]
     header += ["wrench margin, 5th percentile", "effort", "µs per action"]
@@ -250,7 +280,9 @@ def to_markdown(rows: list[Row]) -> str:
     for row in rows:
         name = row["controller"].replace("\\", "\\\\").replace("|", "\\|").replace("*", "\\*").replace("_", "\\_")
         name = f"**{name}**" if row["kind"] == "agent" else name
-        cells = [f"{name} ({row['label']})" if row["label"] else name, success_text(row), percent(row["success_ever"])]
+        cells = [f"{name} ({row['label']})" if row["label"] else name, success_text(row)]
+        cells += [score_text(row)] if with_score else []
+        cells += [percent(row["success_ever"])]
         cells += [millimetres(row["error_median_mm"]), millimetres(row["error_p95_mm"])]
         cells += [percent(row["error_p95_share"])] if with_reach else []
         cells += [steps_text(row["steps_median"]), percent(row["unstable"]), percent(row["infeasible"])]

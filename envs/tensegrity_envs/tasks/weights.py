@@ -20,7 +20,7 @@ class Weights:
         """
         for field in fields(self):
             value = getattr(self, field.name)
-            if not (np.isscalar(value) and np.isfinite(value) and value >= 0):  # type: ignore[arg-type, operator]
+            if not (np.isscalar(value) and np.isfinite(value) and value >= 0):  # type: ignore[operator]
                 raise ValueError(f"reward weight {field.name} = {value!r}: must be a finite number, zero or positive")
 
     @classmethod

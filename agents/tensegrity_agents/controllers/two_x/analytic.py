@@ -1,14 +1,13 @@
 """The analytic controllers of the literature, and what each of them knows."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.planning import choose_solution, plan
-from tensegrity_agents.controllers.reading import Reading, configuration_from_tip, estimate_payload, read
-from tensegrity_agents.controllers.tracking import joint_action, tension_action
+from tensegrity_agents.controllers.two_x.planning import choose_solution, plan
+from tensegrity_agents.controllers.two_x.reading import Reading, configuration_from_tip, estimate_payload, read
+from tensegrity_agents.controllers.two_x.tracking import joint_action, tension_action
 from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics import TwoX, TwoXDesign
 from tensegrity_envs.simulation import Episode
@@ -239,28 +238,3 @@ class Oracle(Observer):
             if around:
                 paths[i] = np.array(around)
         return paths
-
-
-class RandomController:
-    """Uniform random actions: the zero of the normalized score."""
-
-    knows = "nothing"
-
-    def __init__(self, core: Core, seed: int = 0) -> None:
-        self.size = core.simulation.action_size
-        self._rng = np.random.default_rng(seed)
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, None]:
-        """Actions (n, size)."""
-        return self._rng.uniform(-1.0, 1.0, (len(observation["achieved_goal"]), self.size)), None
-
-
-BASELINES: dict[str, Callable[..., Any]] = {
-    "closed_form_ik": ClosedFormIK,
-    "pseudo_inverse": PseudoInverse,
-    "observer": Observer,
-    "oracle": Oracle,
-    "random": RandomController,
-}
