@@ -12,7 +12,7 @@ from tensegrity_agents.console import clear_errors, console, find_experiment
 
 
 def main(
-    only: Annotated[str, typer.Option(help="single, vector, ppo, or all")] = "all",
+    only: Annotated[str, typer.Option(help="single, vector, ppo, redundancy, or all")] = "all",
     config: Annotated[Path, typer.Option(help="settings of PPO")] = Path("configs/two_x_reach.yaml"),
 ) -> None:
     """Measure steps per second of single and vector environments and of PPO.
@@ -20,8 +20,8 @@ def main(
     Takes about three minutes; leave the machine alone meanwhile.
     """
     with clear_errors():
-        if only not in ("all", "single", "vector", "ppo"):
-            raise ValueError(f"--only {only}: must be single, vector, ppo or all")
+        if only not in ("all", "single", "vector", "ppo", "redundancy"):
+            raise ValueError(f"--only {only}: must be single, vector, ppo, redundancy or all")
 
         def progress(what: str) -> None:
             console.print(f"[dim]{what}[/]", highlight=False)
@@ -33,6 +33,8 @@ def main(
             lines += benchmark.vector(progress=progress)
         if only in ("all", "ppo"):
             lines += benchmark.ppo(find_experiment(config, None), progress=progress)
+        if only in ("all", "redundancy"):
+            lines += benchmark.redundancy(progress=progress)
         table = Table("measured", "steps/s", f"ratio to {benchmark.REFERENCE}", "goal")
         for line in lines:
             met = "" if line.goal is None else f"{line.goal:g}x {'met' if line.ratio >= line.goal else 'MISSED'}"

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
+from scipy.optimize import minimize
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
@@ -16,6 +17,7 @@ import tensegrity_envs
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.sb3.features import GoalErrorExtractor
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
+from tensegrity_envs.mechanics import DualTriangle
 
 REFERENCE = "Reacher-v5"
 _PARTS = {
@@ -24,6 +26,16 @@ _PARTS = {
     ("vector_env", "_observation"): "observations",
     ("vector_env", "_info"): "info",
 }
+_SINGLE_GOALS = {
+    "tensegrity/TwoXReach-v0": 1.5,
+    "tensegrity/TwoXTensionReach-v0": 1.0,
+    **{f"tensegrity/DualTriangle{task}-v0": 0.7 for task in ("Reach", "LoadedReach", "Push")},
+}
+_VECTOR_GOALS = {
+    "tensegrity/TwoXReach-v0": 80.0,
+    "tensegrity/TwoXTensionReach-v0": 30.0,
+    **{f"tensegrity/DualTriangle{task}-v0": 30.0 for task in ("Reach", "LoadedReach", "Push")},
+}
 
 
 class Speed(NamedTuple):
@@ -31,7 +43,7 @@ class Speed(NamedTuple):
 
     Attributes:
         what: measured.
-        per_second: environment steps per second.
+        per_second: environment steps (or targets) per second.
         ratio: to the reference.
         goal: of the ratio; None where none is set.
     """
@@ -47,13 +59,14 @@ def single(rounds: int = 5, steps: int = 2000, progress: Callable[[str], None] =
     rounds.
     """
     ids = (REFERENCE, *tensegrity_envs.ENV_IDS)
-    goals = {"tensegrity/TwoXReach-v0": 1.5, "tensegrity/TwoXTensionReach-v0": 1.0}
     envs = {env_id: gym.make(env_id) for env_id in ids}
     taken: dict[str, list[float]] = {env_id: [] for env_id in ids}
     stepping: dict[str, list[float]] = {env_id: [] for env_id in ids}
     for env in envs.values():
         env.reset(seed=0)
         env.action_space.seed(0)
+        if env.step(env.action_space.sample())[2]:  # compiled code is loaded here
+            env.reset()
     for turn in range(rounds):
         for env_id, env in envs.items():
             progress(f"single {env_id}, round {turn + 1} of {rounds}")
@@ -71,7 +84,7 @@ def single(rounds: int = 5, steps: int = 2000, progress: Callable[[str], None] =
             taken[env_id].append(total / steps)
             stepping[env_id].append((total - resets) / steps)
     lines = []
-    for times, what, wanted in ((stepping, "step", goals), (taken, "step, resets included", {})):
+    for times, what, wanted in ((stepping, "step", _SINGLE_GOALS), (taken, "step, resets included", {})):
         reference = float(np.median(times[REFERENCE]))
         for env_id in ids:
             own = float(np.median(times[env_id]))
@@ -83,7 +96,6 @@ def vector(count: int = 1024, steps: int = 310, progress: Callable[[str], None] 
     """Vector environments of `count`, uniform random actions, at least 300 steps: resets and synchronized time limits
     included.
     """
-    goals = {"tensegrity/TwoXReach-v0": 80.0, "tensegrity/TwoXTensionReach-v0": 30.0}
     lines: list[Speed] = []
     reference = 0.0
     for env_id in (REFERENCE, *tensegrity_envs.ENV_IDS):
@@ -93,13 +105,14 @@ def vector(count: int = 1024, steps: int = 310, progress: Callable[[str], None] 
         rng = np.random.default_rng(0)
         actions = rng.uniform(-1, 1, (steps, *envs.action_space.shape)).astype(np.float32)  # type: ignore[misc]
         envs.reset(seed=0)
+        envs.step(actions[0])  # compiled code is loaded here
         begun = time.perf_counter()
         for action in actions:
             envs.step(action)
         rate = count * steps / (time.perf_counter() - begun)
         envs.close()
         reference = reference or rate
-        lines.append(Speed(f"vector {env_id} x {count}", rate, rate / reference, goals.get(env_id)))
+        lines.append(Speed(f"vector {env_id} x {count}", rate, rate / reference, _VECTOR_GOALS.get(env_id)))
     return lines
 
 
@@ -152,6 +165,34 @@ def ppo(experiment: Experiment, timesteps: int = 120_000, progress: Callable[[st
     ours = _frames(model, timesteps)
     lines = [Speed(name, rate, rate / reference, None) for name, rate in rates.items()]
     return [*lines, Speed(f"PPO {experiment.env} x {s.num_envs}", ours, ours / reference, 2.0)]
+
+
+def redundancy(targets: int = 10_000, compared: int = 100, progress: Callable[[str], None] = print) -> list[Speed]:
+    """Redundancy resolution of the dual-triangle arm, all three objectives for many targets, against scipy's `minimize`
+    (SLSQP with the tip's position as a constraint, from the same start) on the first of them.
+    """
+    arm, rng = DualTriangle(), np.random.default_rng(0)
+    limit = float(arm.design.joint_limit)
+    x, y = arm.tip(tuple(rng.uniform(-limit, limit, (3, targets))))
+    start = (-0.1, 0.1, 0.1)
+    lines = []
+    for name in ("sum", "max", "squares"):
+        progress(f"redundancy resolution by {name}, {targets} targets")
+        begun = time.perf_counter()
+        arm.redundancy(x, y, start, name)
+        rate = targets / (time.perf_counter() - begun)
+        cost = {
+            "sum": lambda q: np.abs(q - start).sum(),
+            "max": lambda q: np.abs(q - start).max(),
+            "squares": lambda q: ((q - start) ** 2).sum(),
+        }[name]
+        begun = time.perf_counter()
+        for i in range(compared):
+            place = {"type": "eq", "fun": lambda q, i=i: np.subtract(arm.tip(q), (x[i], y[i]))}
+            minimize(cost, start, method="SLSQP", bounds=[(-limit, limit)] * 3, constraints=[place])
+        scipy_rate = compared / (time.perf_counter() - begun)
+        lines.append(Speed(f"redundancy by {name} (ratio to scipy's minimize)", rate, rate / scipy_rate, 50.0))
+    return lines
 
 
 def _frames(model: PPO, timesteps: int) -> float:

@@ -38,10 +38,10 @@ CAPTIONS = {
     "is the share within tolerance; what lies to the right of it was missed by that much.",
     "steps": "Share of the episodes that have been on the target by a step. The higher and the further to the left, "
     "the better; a curve that levels off below 100% never reaches the rest.",
-    "scores": "Share of the episodes in which at least that force was held, in multiples of the straight arm's critical "
-    "load. Success begins at the vertical line.",
-    "tip_paths": "The tip's paths in the first test episodes, from the open circles. Blue: where the tip can be without "
-    "load.",
+    "scores": "Share of the episodes in which at least that force was held, in multiples of the straight arm's "
+    "critical load. Success begins at the vertical line.",
+    "tip_paths": "The tip's paths in the first test episodes, from the open circles. Blue: where the tip can be "
+    "without load.",
     "joint_space": "Joint space of the manipulator. Blue: stable and wrench-feasible, the darker, the larger the "
     "smaller of both margins; grey: unstable, or no feasible tensions hold the arm. On the dashed curve the inverse "
     "solutions meet. Lines are episodes, from the open circle to the filled mark.",
