@@ -724,7 +724,7 @@ class DualTriangle:
         critical = float(self.straight_critical_loads(common)[mode - 1])
         values, vectors = np.linalg.eigh(np.array(self.stiffness_matrix(straight, lengths, (-critical, 0.0)), float))
         shape = vectors[:, np.abs(values).argmin()]
-        heading = np.append(shape * math.copysign(side, shape[0]), 0.0)
+        heading = np.append(shape * (side * np.sign(shape[0])), 0.0)
         z0 = np.append(np.zeros(self.segments), critical)
         return follow_load(self, lengths, unit, z0, heading, max_load, -math.inf, step, max_points)
 
