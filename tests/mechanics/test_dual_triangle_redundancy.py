@@ -42,7 +42,7 @@ def lowest(objective, x, y, start, limit):
     """Search over q1 itself, both elbows, in ever finer grids around the best points."""
     best = np.inf
     centres, half = np.array([0.0]), math.pi
-    for level in range(14):
+    for level in range(8):
         grid = (centres[:, None] + half * np.linspace(-1, 1, 8_001 if level == 0 else 81)).ravel()
         scored = []
         for elbow in (1.0, -1.0):
@@ -94,6 +94,7 @@ def test_optima_by_an_independent_search():
 def test_optima_by_a_general_optimizer():
     """SLSQP with the tip as a constraint, from many starts, never finds less."""
     rng = np.random.default_rng(1)
+    equal = 0
     for _ in range(5):
         x, y = rng.uniform(3.0, 5.0), rng.uniform(-2.0, 2.0)
         found = UNIT.redundancy(x, y, (-0.1, 0.1, 0.1), "squares")
@@ -111,7 +112,9 @@ def test_optima_by_a_general_optimizer():
             )
             if np.abs(np.subtract(UNIT.tip(tuple(search.x)), (x, y))).max() < 1e-8:
                 ends.append(search.fun)
-        assert min(ends) == pytest.approx(found.objective, abs=1e-6)
+        assert min(ends) > found.objective - 1e-7
+        equal += min(ends) < found.objective + 1e-6
+    assert equal >= 2
 
 
 def test_batch_is_what_single_calls_give():
