@@ -97,13 +97,16 @@ def random_dual_triangle_design(seed: int) -> DualTriangleDesign:
     return DualTriangleDesign(a1, b1, a2, b2, k1, k2, free1, free2, "cable" if seed % 3 == 2 else "bilateral")
 
 
-MECHANISMS = [
+TWO_X_MECHANISMS = [
     two_x_case("two-x published", MURALIDHARAN2022),
     two_x_case("two-x with payload", replace(MURALIDHARAN2022, payload=0.35)),
     two_x_case("two-x without offsets", replace(MURALIDHARAN2022, a=0.0, payload=0.1)),
     two_x_case("two-x on the full torus", replace(MURALIDHARAN2022, joint_limit=2 * math.pi)),
     two_x_case("two-x of Furet", FURET2018(2 / 3)),
     *(two_x_case(f"two-x random {seed}", random_two_x_design(seed)) for seed in range(6)),
+]
+
+DUAL_TRIANGLE_MECHANISMS = [
     dual_triangle_case("dual-triangle caption", ZHAO2021_CAPTION),
     dual_triangle_case("dual-triangle text", ZHAO2021_TEXT),
     dual_triangle_case("dual-triangle cables", replace(ZHAO2021_TEXT, springs="cable")),
@@ -113,6 +116,8 @@ MECHANISMS = [
         for seed in range(6)
     ),
 ]
+
+MECHANISMS = TWO_X_MECHANISMS + DUAL_TRIANGLE_MECHANISMS
 
 
 def node_energy(mechanism: Any, q: Any, inputs: Any, load: Any) -> Any:

@@ -755,7 +755,7 @@ class DualTriangle:
 
         Five equations (tip, equilibrium) for five unknowns (three angles, two force components): the solutions are the
         stationary points of the springs' energy along the self-motion curve of the tip. Sorted by configuration. Only
-        the stable ones can be the state of an arm at rest; there may be several.
+        the stable ones can be the state of an arm at rest; there may be several, and none for a tip out of reach.
 
         Args:
             x: measured tip [m].
