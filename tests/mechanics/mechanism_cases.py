@@ -7,7 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.mechanics import FURET2018, MURALIDHARAN2022, TwoX, TwoXDesign
+from tensegrity_envs.mechanics import (
+    FURET2018,
+    MURALIDHARAN2022,
+    ZHAO2021_CAPTION,
+    ZHAO2021_TEXT,
+    DualTriangle,
+    DualTriangleDesign,
+    TwoX,
+    TwoXDesign,
+)
 
 
 @dataclass(frozen=True)
@@ -59,7 +68,36 @@ def random_two_x_design(seed: int) -> TwoXDesign:
     return TwoXDesign(**{name: float(value) for name, value in values.items()})
 
 
-MECHANISMS = [
+def dual_triangle_case(name: str, design: DualTriangleDesign, segments: int = 3) -> Case:
+    # closer to the stops the lengths of springs vary too fast for differences; mpmath looks there
+    limit, size = 0.7 * design.joint_limit, (design.b1 + design.b2) / 2
+
+    def draw_inputs(rng: np.random.Generator, n: int) -> np.ndarray:
+        if design.springs == "bilateral":
+            return rng.uniform(0.0, 2 * size, (2 * segments, n))
+        # Far from the change between taut and slack, where the energy has no third derivative.
+        taut = rng.uniform(0.0, 0.02 * size, (2 * segments, n))
+        return np.where(rng.uniform(size=(2 * segments, n)) < 0.6, taut, rng.uniform(9 * size, 10 * size, taut.shape))
+
+    sides = [(2 * a, math.hypot(a, b), math.hypot(a, b)) for a, b in ((design.a1, design.b1), (design.a2, design.b2))]
+    return Case(
+        name,
+        DualTriangle(design, segments),
+        lambda rng, n: rng.uniform(-limit, limit, (segments, n)),
+        draw_inputs,
+        (*sides[0], *sides[1]) * segments,
+    )
+
+
+def random_dual_triangle_design(seed: int) -> DualTriangleDesign:
+    rng = np.random.default_rng(seed)
+    size = rng.uniform(0.02, 0.5)
+    a1, b1, a2, b2, free1, free2 = (float(size * value) for value in rng.uniform(0.4, 1.6, 6))
+    k1, k2 = (float(value) for value in rng.uniform(100.0, 1000.0, 2))
+    return DualTriangleDesign(a1, b1, a2, b2, k1, k2, free1, free2, "cable" if seed % 3 == 2 else "bilateral")
+
+
+TWO_X_MECHANISMS = [
     two_x_case("two-x published", MURALIDHARAN2022),
     two_x_case("two-x with payload", replace(MURALIDHARAN2022, payload=0.35)),
     two_x_case("two-x without offsets", replace(MURALIDHARAN2022, a=0.0, payload=0.1)),
@@ -68,21 +106,41 @@ MECHANISMS = [
     *(two_x_case(f"two-x random {seed}", random_two_x_design(seed)) for seed in range(6)),
 ]
 
+DUAL_TRIANGLE_MECHANISMS = [
+    dual_triangle_case("dual-triangle caption", ZHAO2021_CAPTION),
+    dual_triangle_case("dual-triangle text", ZHAO2021_TEXT),
+    dual_triangle_case("dual-triangle cables", replace(ZHAO2021_TEXT, springs="cable")),
+    dual_triangle_case("dual-triangle bistable", DualTriangleDesign.symmetric(0.025, 0.05, 500.0, 0.05)),
+    *(
+        dual_triangle_case(f"dual-triangle random {seed}", random_dual_triangle_design(seed), (3, 1, 3, 2, 4, 3)[seed])
+        for seed in range(6)
+    ),
+]
 
-def node_energy(mechanism: Any, q: Any, tensions: Any, load: Any) -> Any:
-    """Energy from nodes and members alone: bars' weights at half height, springs, cables, payload and load at P."""
+MECHANISMS = TWO_X_MECHANISMS + DUAL_TRIANGLE_MECHANISMS
+
+
+def node_energy(mechanism: Any, q: Any, inputs: Any, load: Any) -> Any:
+    """Energy from nodes and members alone: bars' weights at half height, springs, cables, payload and load at P.
+
+    Inputs are the tensions of the cables, or the free lengths of the springs whose free length is one.
+    """
     design = mechanism.design
+    gravity = getattr(design, "gravity", 0.0)
     nodes = mechanism.nodes(q)
     x, y = nodes["P"]
-    energy = design.payload * design.gravity * y - load[0] * x - load[1] * y
-    inputs = iter(tensions)
+    energy = getattr(design, "payload", 0.0) * gravity * y - load[0] * x - load[1] * y
+    inputs = iter(inputs)
     for member in mechanism.members:
         (x1, y1), (x2, y2) = (nodes[name] for name in member.nodes)
         length = ((x2 - x1) ** 2 + (y2 - y1) ** 2) ** 0.5
         if member.kind == "bar":
-            energy = energy + member.mass * design.gravity * (y1 + y2) / 2
+            energy = energy + member.mass * gravity * (y1 + y2) / 2
         elif member.kind == "spring":
-            energy = energy + member.stiffness * (length - member.free_length) ** 2 / 2
+            stretch = length - (next(inputs) if member.is_input else member.free_length)
+            if member.goes_slack:
+                stretch = (stretch + abs(stretch)) / 2
+            energy = energy + member.stiffness * stretch**2 / 2
         else:
             energy = energy + next(inputs) * length
     return energy

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanism_cases import MECHANISMS, random_two_x_design
+from mechanism_cases import TWO_X_MECHANISMS, random_two_x_design
 from scipy.optimize import brentq
 from two_x_reference import CertifiedRoots, angle_gap, assert_same_solutions, joint_by_circles, meeting_point
 
@@ -262,7 +262,7 @@ def test_the_quartic_has_the_inverse_solutions_as_its_roots(b):
             assert abs(coefficients @ powers) < 1e-11 * abs(coefficients).max()
 
 
-@pytest.mark.parametrize("case", MECHANISMS, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", TWO_X_MECHANISMS, ids=lambda case: case.name)
 def test_joints_are_crossed_four_bars(case):
     """Nodes of joint 1 from circle intersections, its bars crossing, for long-bar directions all around."""
     m, design = case.mechanism, case.mechanism.design
@@ -296,7 +296,7 @@ def test_singular_where_tip_and_instant_centres_are_in_line(seed):
 
 
 def test_cable_lengths_are_the_sides_of_the_nodes():
-    for case in MECHANISMS:
+    for case in TWO_X_MECHANISMS:
         q, _, _ = case.draw(9, 200)
         m = case.mechanism
         nodes = m.nodes(q)

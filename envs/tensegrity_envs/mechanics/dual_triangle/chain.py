@@ -718,7 +718,7 @@ class DualTriangle:
         critical = float(self.straight_critical_loads(common)[mode - 1])
         values, vectors = np.linalg.eigh(np.array(self.stiffness_matrix(straight, lengths, (-critical, 0.0)), float))
         shape = vectors[:, np.abs(values).argmin()]
-        heading = np.append(shape * math.copysign(side, shape[0]), 0.0)
+        heading = np.append(shape * (side * np.sign(shape[0])), 0.0)
         z0 = np.append(np.zeros(self.segments), critical)
         return follow_load(self, lengths, unit, z0, heading, max_load, -math.inf, step, max_points)
 
@@ -749,7 +749,7 @@ class DualTriangle:
 
         Five equations (tip, equilibrium) for five unknowns (three angles, two force components): the solutions are the
         stationary points of the springs' energy along the self-motion curve of the tip. Sorted by configuration. Only
-        the stable ones can be the state of an arm at rest; there may be several.
+        the stable ones can be the state of an arm at rest; there may be several, and none for a tip out of reach.
 
         Args:
             x: measured tip [m].

@@ -1,6 +1,7 @@
 """The smallest eigenvalue of a small symmetric matrix, on components."""
 
 import math
+import sys
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from tensegrity_envs.mechanics.namespace import Component, Components, is_batch,
 
 
 def smallest_eigenvalue(matrix: tuple[Components, ...]) -> Component:
-    """Smallest eigenvalue of a symmetric n x n matrix: in closed form up to n = 3, by LAPACK beyond.
+    """Smallest eigenvalue of a symmetric n x n matrix: in closed form up to n = 3, by iteration beyond.
 
     n = 3: with B the traceless part, m = tr/3, |B|^2 = 6 p^2 and C = B^2 - |B|^2 / 3,
 
@@ -21,7 +22,7 @@ def smallest_eigenvalue(matrix: tuple[Components, ...]) -> Component:
     if n == 1:
         return matrix[0][0]
     if n > 3:
-        return _smallest_by_lapack(matrix)
+        return _smallest_by_iteration(matrix)
     xp = namespace_of(*(matrix[i][j] for i in range(n) for j in range(i, n)))
     if n == 2:
         half = (matrix[0][0] - matrix[1][1]) / 2
@@ -52,12 +53,14 @@ def smallest_eigenvalue(matrix: tuple[Components, ...]) -> Component:
     return mean - 2 * xp.sqrt(square / 6) * xp.cos(math.pi / 3 - angle)
 
 
-def _smallest_by_lapack(matrix: tuple[Components, ...]) -> Component:
+def _smallest_by_iteration(matrix: tuple[Components, ...]) -> Component:
     entries = [entry for row in matrix for entry in row]
     if not is_batch(*entries):
         return float(np.linalg.eigvalsh(np.array(matrix, float))[0])
     if not any(isinstance(entry, np.ndarray) for entry in entries):
-        raise TypeError("the smallest eigenvalue of more than three segments is computed on floats and arrays only")
+        torch = sys.modules["torch"]
+        tensor = torch.stack(torch.broadcast_tensors(*map(torch.as_tensor, entries)), dim=-1)
+        return torch.linalg.eigvalsh(tensor.reshape(*tensor.shape[:-1], len(matrix), len(matrix)))[..., 0]
     stacked = np.stack(np.broadcast_arrays(*entries), axis=-1)
     n = len(matrix)
     return np.linalg.eigvalsh(stacked.reshape(*stacked.shape[:-1], n, n))[..., 0]

@@ -150,7 +150,7 @@ def correct(
         last = np.abs(step[:n]).max(axis=0)
         shrink = np.minimum(1.0, 0.3 / np.maximum(last, 1e-300))
         q, load = q - shrink * step[:n], load - shrink * step[n:] * scale / reach
-        if last.max() < 1e-14:
+        if last.max() < 1e-10:  # of a quadratic convergence
             break
     return q, load, last
 

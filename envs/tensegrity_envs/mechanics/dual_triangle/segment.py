@@ -4,6 +4,7 @@
 dual-triangles", ICCCR 2021. Misprints are named where they matter; docs/dual_triangle.md lists every one.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -126,6 +127,11 @@ class DualTriangleSegment:
             return xp.maximum(f1, 0.0), xp.maximum(f2, 0.0)
         return f1, f2
 
+    @staticmethod
+    def _taut(xp: Any, tension: Component, k: Component) -> Component:
+        """The stiffness of a cable, 0 where it is slack; in the precision of the tension (Torch's own is single)."""
+        return xp.where(tension > 0, k + 0.0 * tension, 0.0)
+
     def spring_forces(self, q: Component, free_lengths: Sequence[Component]) -> tuple[Component, Component]:
         """Tensions of both springs [N]; negative where a bilateral spring pushes."""
         xp = self._xp(q, *free_lengths)
@@ -156,7 +162,7 @@ class DualTriangleSegment:
         f1, f2 = self._tensions(xp, springs, free_lengths)
         k1, k2 = self.design.k1, self.design.k2
         if self.design.springs == "cable":
-            k1, k2 = xp.where(f1 > 0, k1, 0.0), xp.where(f2 > 0, k2, 0.0)
+            k1, k2 = self._taut(xp, f1, k1), self._taut(xp, f2, k2)
         return (
             f2 * second.arm - f1 * first.arm,
             k1 * first.arm * first.arm - f1 * first.arm_slope + k2 * second.arm * second.arm - f2 * second.arm_slope,
@@ -195,7 +201,8 @@ class DualTriangleSegment:
         Eq. 5 prints the moment with the opposite sign, which doubles the load instead of carrying it.
 
         Of cables, one alone carries what both in tension cannot; where both would be slack, the input returned is the
-        one at which the carrying cable is just taut.
+        one at which the carrying cable is just taut. (Beyond |q| = beta12, inside the stops only if a < b, both cables
+        turn the same way; a moment that they cannot carry leaves a residual torque.)
         """
         xp = self._xp(q, moment, common)
         return self.control_of(xp, self.springs(xp, q), moment, common)
@@ -209,13 +216,15 @@ class DualTriangleSegment:
         delta = (t2 * s2 - t1 * s1 - moment) / (t1 + t2)
         if self.design.springs != "cable":
             return delta
+        moment = moment + 0.0 * delta  # an array or tensor where delta is one
         alone = xp.where(moment > 0, s2 - moment / t2, -moment / t1 - s1)
         return xp.where(xp.minimum(s1 + delta, s2 - delta) >= 0, delta, alone)
 
     def sensitivity(self, q: Component, moment: Component = 0.0, common: Component = 0.0) -> Component:
         """Sensitivity d delta / dq [m/rad] of `control` at a constant moment.
 
-        The stiffness at the commanded angle divided by k1 h1 + k2 h2: it has the stiffness's sign. [Zhao2021, figure 3] plots a "sensitivity" that its text does not define.
+        The stiffness at the commanded angle divided by k1 h1 + k2 h2: it has the stiffness's sign. [Zhao2021, figure 3]
+        plots a "sensitivity" that its text does not define. NaN where both cables are slack.
         """
         xp = self._xp(q, moment, common)
         first, second = springs = self.springs(xp, q)
@@ -223,8 +232,10 @@ class DualTriangleSegment:
         k1, k2 = self.design.k1, self.design.k2
         if self.design.springs == "cable":
             f1, f2 = self._tensions(xp, springs, inputs)
-            k1, k2 = xp.where(f1 > 0, k1, 0.0), xp.where(f2 > 0, k2, 0.0)
-        return self.slope_and_stiffness(xp, springs, inputs)[1] / (k1 * first.arm + k2 * second.arm)
+            k1, k2 = self._taut(xp, f1, k1), self._taut(xp, f2, k2)
+        leverage = k1 * first.arm + k2 * second.arm
+        stiffness = self.slope_and_stiffness(xp, springs, inputs)[1]
+        return xp.where(leverage != 0, stiffness / xp.where(leverage != 0, leverage, 1.0), math.nan)
 
     # ------------------------------------------------------------------------- equilibria, bistability and limits
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -24,7 +24,8 @@ _SAMPLES = 2000
 _PARTS = 12  # that an interesting cell is divided into, each of so many times:
 _ROUNDS = 4
 _NEAR = 0.1  # [rad] residual at which an end or an extremum is tried as a solution
-_TABLE = 256
+_TABLE = 256  # points of a stretch: its inverse is interpolated, then improved by so many Newton steps:
+_STEPS = 2
 
 
 class _Stretch(NamedTuple):
@@ -32,6 +33,18 @@ class _Stretch(NamedTuple):
 
     angles: np.ndarray
     slopes: np.ndarray
+
+
+class _State(NamedTuple):
+    """Between two segments, on the way to the base, for many directions of the tip.
+
+    The direction of the link [rad], the load's moment about its far pivot [N m], and the margin (negative outside) of
+    every moment so far in its stretch.
+    """
+
+    direction: np.ndarray
+    moment: np.ndarray
+    margin: np.ndarray
 
 
 def _stretches(segment: DualTriangleSegment, pair: tuple[float, float]) -> list[_Stretch]:
@@ -66,8 +79,8 @@ def _angle_on(
     low, high = np.minimum(a, b), np.maximum(a, b)
     q = np.interp(moment, slopes, angles)
     rises = angles[-1] > angles[0]
-    for _ in range(4):
-        slope, stiffness = -segment.torque(q, pair), segment.stiffness(q, pair)
+    for _ in range(_STEPS):
+        slope, stiffness = segment.slope_and_stiffness(np, segment.springs(np, q), pair)
         excess = slope - moment
         above = (excess > 0) == rises
         low, high = np.where(above, low, q), np.where(above, q, high)
@@ -85,26 +98,41 @@ def candidates(arm: DualTriangle, free_lengths: Sequence[float], load: Sequence[
     fx, fy = (float(f) for f in load)
     scale = segment.stiffness_scale
 
+    def step(i: int, stretch: _Stretch, state: _State) -> tuple[_State, np.ndarray]:
+        """Across segment i, towards the base."""
+        moment = state.moment + arm.link_lengths[i] * (fy * np.cos(state.direction) - fx * np.sin(state.direction))
+        low, high = stretch.slopes[0], stretch.slopes[-1]
+        margin = np.minimum(state.margin, np.minimum(moment - low, high - moment) / scale)
+        q = _angle_on(segment, pairs[i], stretch, np.clip(moment, low, high))
+        return _State(state.direction - q, moment, margin), q
+
     def shoot(choice: Sequence[_Stretch], phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Direction left at the base, how far every moment is inside its stretch, and the configuration."""
-        moment, margin = np.zeros_like(phi), np.full_like(phi, np.inf)
+        state = _State(phi, np.zeros_like(phi), np.full_like(phi, np.inf))
         q = np.empty((n, *phi.shape))
         for i in reversed(range(n)):
-            moment = moment + arm.link_lengths[i] * (fy * np.cos(phi) - fx * np.sin(phi))
-            slopes = choice[i].slopes
-            margin = np.minimum(margin, np.minimum(moment - slopes[0], slopes[-1] - moment) / scale)
-            q[i] = _angle_on(segment, pairs[i], choice[i], np.clip(moment, slopes[0], slopes[-1]))
-            phi = phi - q[i]
-        return phi, margin, q
+            state, q[i] = step(i, choice[i], state)
+        return state.direction, state.margin, q
 
     widest = n * float(segment.design.joint_limit)
+    phi = np.linspace(-widest, widest, _SAMPLES + 1)
     found = [np.empty((n, 0))]
-    found += [_zeros(partial(shoot, choice), widest) for choice in product(*tables)]
+
+    def scan(i: int, chosen: tuple[_Stretch, ...], state: _State) -> None:
+        """Every choice for the segments i, i - 1, ... that some direction of the tip is compatible with."""
+        if i < 0:
+            found.append(_zeros(partial(shoot, chosen), phi))
+            return
+        for stretch in tables[i]:
+            there, _ = step(i, stretch, state)
+            if there.margin.max() > -2 * np.abs(np.diff(there.margin)).max():
+                scan(i - 1, (stretch, *chosen), there)
+
+    scan(n - 1, (), _State(phi, np.zeros_like(phi), np.full_like(phi, 1e3)))
     return np.concatenate(found, axis=1)
 
 
-def _zeros(shoot: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]], widest: float) -> np.ndarray:
-    phi = np.linspace(-widest, widest, _SAMPLES + 1)
+def _zeros(shoot: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]], phi: np.ndarray) -> np.ndarray:
     base, margin, q = shoot(phi)
     for _ in range(_ROUNDS):
         cells = _interesting(phi, base, margin)
@@ -121,7 +149,7 @@ def _zeros(shoot: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarra
     valid = margin >= 0
     cell = np.flatnonzero(valid[1:] & valid[:-1] & (base[1:] * base[:-1] <= 0))
     low, high, sign = phi[cell], phi[cell + 1], np.sign(base[cell])
-    for _ in range(45):
+    for _ in range(16 if len(cell) else 0):
         middle = (low + high) / 2
         same = np.sign(shoot(middle)[0]) == sign
         low, high = np.where(same, middle, low), np.where(same, high, middle)
