@@ -5,7 +5,7 @@ import pstats
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import gymnasium as gym
 import numpy as np
@@ -174,22 +174,22 @@ def redundancy(targets: int = 10_000, compared: int = 100, progress: Callable[[s
     arm, rng = DualTriangle(), np.random.default_rng(0)
     limit = float(arm.design.joint_limit)
     x, y = arm.tip(tuple(rng.uniform(-limit, limit, (3, targets))))
-    start = (-0.1, 0.1, 0.1)
+    start, optimizer = (-0.1, 0.1, 0.1), cast(Any, minimize)  # whose types know no such constraint
     lines = []
     for name in ("sum", "max", "squares"):
         progress(f"redundancy resolution by {name}, {targets} targets")
         begun = time.perf_counter()
         arm.redundancy(x, y, start, name)
         rate = targets / (time.perf_counter() - begun)
-        cost = {
+        costs: Any = {
             "sum": lambda q: np.abs(q - start).sum(),
             "max": lambda q: np.abs(q - start).max(),
             "squares": lambda q: ((q - start) ** 2).sum(),
-        }[name]
+        }
         begun = time.perf_counter()
         for i in range(compared):
-            place = {"type": "eq", "fun": lambda q, i=i: np.subtract(arm.tip(q), (x[i], y[i]))}
-            minimize(cost, start, method="SLSQP", bounds=[(-limit, limit)] * 3, constraints=[place])
+            place: Any = {"type": "eq", "fun": lambda q, i=i: np.subtract(arm.tip(q), (x[i], y[i]))}
+            optimizer(costs[name], start, method="SLSQP", bounds=[(-limit, limit)] * 3, constraints=[place])
         scipy_rate = compared / (time.perf_counter() - begun)
         lines.append(Speed(f"redundancy by {name} (ratio to scipy's minimize)", rate, rate / scipy_rate, 50.0))
     return lines

@@ -25,18 +25,18 @@ def _mix(z: np.ndarray) -> np.ndarray:
     return mixed
 
 
-def uniform(seed: np.ndarray, episode: np.ndarray, draw: int) -> np.ndarray:
+def uniform(seed: np.ndarray, episode: np.ndarray, draw: int | np.ndarray) -> np.ndarray:
     """Uniform numbers in [0, 1), one for each (seed, episode) pair, independent for different draws.
 
     Args:
         seed: shape (n,), integers.
         episode: shape (n,), integers.
-        draw: which number of the episode.
+        draw: which number of the episode, or an array that broadcasts against seed and episode.
     """
     with np.errstate(over="ignore"):
         z = _mix(np.asarray(seed).astype(np.uint64) + _GOLDEN)
         z = _mix(z + np.asarray(episode).astype(np.uint64) * _GOLDEN)
-        z = _mix(z + np.array([draw + 1], np.uint64) * _GOLDEN)
+        z = _mix(z + np.atleast_1d(np.asarray(draw) + 1).astype(np.uint64) * _GOLDEN)
     return (z >> np.uint64(11)) * 2.0**-53
 
 
@@ -50,6 +50,12 @@ class EpisodeStream:
         """The next number of every episode, shape (n,)."""
         self._next += 1
         return low + (high - low) * uniform(self._seed, self._episode, self._next - 1)
+
+    def block(self, count: int) -> np.ndarray:
+        """The next `count` numbers of every episode, uniform in [0, 1), shape (count, n)."""
+        self._next += count
+        draws = np.arange(self._next - count, self._next)
+        return uniform(self._seed[None], self._episode[None], draws[:, None])
 
     def skip(self, draws: int) -> None:
         """Leave out the next numbers, which streams made by `at` have used."""

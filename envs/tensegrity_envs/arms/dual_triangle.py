@@ -4,8 +4,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tensegrity_envs.arms.dual_triangle_sampling import Sampler, hold_postures
+from tensegrity_envs.arms.dual_triangle_sampling import Sampler, hold_start
 from tensegrity_envs.core import Core, Drawn
+from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.namespace import Component, namespace_of, to_single
 from tensegrity_envs.seeding import EpisodeStream
@@ -14,7 +15,8 @@ from tensegrity_envs.simulation.quasi_static import DeltaControl, FreeLengthCont
 from tensegrity_envs.tasks import Hold, HoldWeights, Reach, ReachWeights
 
 SEGMENTS = 3
-_MAX_ATTEMPTS = 1000
+_MAX_ATTEMPTS = 3200
+_AT_ONCE = 32  # attempts of every episode, in one call
 
 
 class _DualTriangle(Core):
@@ -194,22 +196,29 @@ class DualTrianglePush(_DualTriangle):
 
     def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
         """Targets uniform in x from 5.0 b to 5.9 b, at y = 0; starts uniform over the first angles that hold them."""
-        n, arm = len(seed), self.nominal
+        n = len(seed)
         stream = EpisodeStream(seed, episode)
         x = to_single(float(self.design.b1) * stream.uniform(5.0, 5.9))
         q = np.zeros((SEGMENTS, n))
-        low, high = self.simulation.bounds(arm)
+        highest = float(self.simulation.bounds(self.nominal)[1])
         pending = np.arange(n)
-        for _ in range(_MAX_ATTEMPTS):
-            here = stream.at(pending)
-            share, side = here.uniform(-0.95, 0.95), np.where(here.uniform() < 0.5, -1.0, 1.0)
-            stream.skip(2)
-            posture = hold_postures(arm, x[pending], share, side)
-            lengths = self.simulation.usual_inputs(arm, posture, (0.0, 0.0))
-            inside = np.all([(value >= low) & (value <= high) for value in lengths], axis=0)
-            good = inside & (arm.limit_margin(posture) > 0.05) & (arm.stability_margin(posture, lengths) > 0)
-            q[:, pending[good]] = np.stack(posture)[:, good]
-            pending = pending[~good]
+        for _ in range(_MAX_ATTEMPTS // _AT_ONCE):
+            m = len(pending)
+            share, side = stream.at(pending).block(2 * _AT_ONCE).reshape(2, _AT_ONCE * m)
+            stream.skip(2 * _AT_ONCE)
+            posture, good = evaluate(
+                hold_start,
+                self.design,
+                SEGMENTS,
+                np.tile(x[pending], _AT_ONCE),
+                1.9 * share - 0.95,
+                np.where(side < 0.5, -1.0, 1.0),
+                highest,
+            )
+            fits = good.reshape(_AT_ONCE, m)
+            found, first = fits.any(axis=0), fits.argmax(axis=0)
+            q[:, pending[found]] = np.stack(posture).reshape(SEGMENTS, _AT_ONCE, m)[:, first[found], found]
+            pending = pending[~found]
             if not len(pending):
                 break
         else:

@@ -16,6 +16,7 @@ _MIN_MARGIN = 0.02  # stability margin of starts and targets [-]
 _LEGS = 3  # of the walk from the start to the target
 _WALK = 80  # steps that the walk takes at most
 _MAX_ATTEMPTS = 1000
+_FROM_LIMIT = 0.05  # of the joint angles of starts for holding [rad]
 
 
 class Start(NamedTuple):
@@ -144,20 +145,37 @@ def _largest(arm: DualTriangle, values: Components) -> Component:
     return largest
 
 
-def hold_postures(arm: DualTriangle, x: np.ndarray, share: np.ndarray, side: np.ndarray) -> Components:
-    """Postures with the tip at (x, 0): a point of the self-motion curve, `share` in [-1, 1] of the way to its end.
+def hold_start(
+    design: DualTriangleDesign, segments: int, x: Component, share: Component, side: Component, highest: Component
+) -> tuple[Components, Component]:
+    """A posture with the tip at (x, 0), and whether it can be held there within all limits. Traceable.
 
-    The second segment's pivot lies at an angle w from the axis; feasible ones have the tip within reach of the last
-    two links. `side` (+-1) chooses the elbow.
+    Args:
+        design: of an arm of three segments.
+        segments: three.
+        x: target [m].
+        share: in [-1, 1]: how far the first angle is from zero, as a share of the largest with which the last two
+            links still reach the target.
+        side: 1 or -1, of the elbow.
+        highest: free length [m].
     """
-    first, second, last = (float(length) for length in arm.link_lengths)
-    u = x - float(arm.design.b1)
-    # Law of cosines: |pivot 2 - tip| <= second + last
-    widest = np.arccos(np.clip((u * u + first**2 - (second + last) ** 2) / (2 * u * first), -1.0, 1.0))
+    arm = DualTriangle(design, segments)
+    xp = arm._xp(x, share)
+    first, second, last = arm.link_lengths
+    u = x - design.b1
+    # Law of cosines: from pivot 2 to the tip it is at most second + last
+    widest = _arccos(xp, (u * u + first * first - (second + last) ** 2) / (2 * u * first))
     q1 = share * widest
-    px, py = u - first * np.cos(q1), -first * np.sin(q1)
-    rho = np.minimum(np.hypot(px, py), second + last)
-    bend = np.arccos(np.clip((rho**2 - second**2 - last**2) / (2 * second * last), -1.0, 1.0))
-    q3 = side * bend
-    q2 = np.arctan2(py, px) - np.arctan2(last * np.sin(q3), second + last * np.cos(q3)) - q1
-    return q1, np.pi - (np.pi - q2) % (2 * np.pi), q3
+    px, py = u - first * xp.cos(q1), -first * xp.sin(q1)
+    q3 = side * _arccos(xp, (px * px + py * py - second * second - last * last) / (2 * second * last))
+    q2 = xp.atan2(py, px) - xp.atan2(last * xp.sin(q3), second + last * xp.cos(q3)) - q1
+    q = (q1, q2, q3)
+    lengths = arm.free_lengths(arm.control(q))
+    good = (arm.limit_margin(q) > _FROM_LIMIT) & (arm.stability_margin(q, lengths) > 0)
+    for length in lengths:
+        good = good & (length >= 0) & (length <= highest)
+    return q, good
+
+
+def _arccos(xp: Any, c: Component) -> Component:
+    return xp.atan2(xp.sqrt(xp.maximum(1 - c * c, 0.0)), c)
