@@ -1,0 +1,176 @@
+"""What is particular to the environments of the dual-triangle arm."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import tensegrity_envs  # noqa: F401
+from tensegrity_envs.mechanics import ZHAO2021_CAPTION, ZHAO2021_TEXT, DualTriangle, DualTriangleDesign
+
+REACH, LOADED, PUSH = (f"tensegrity/DualTriangle{task}-v0" for task in ("Reach", "LoadedReach", "Push"))
+KB = 500.0 * 0.05  # [N]
+
+
+def make_vec(env_id, count, **options):
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", **options)
+
+
+def lengths_of(arm, info):
+    """Free lengths, from the inputs that `info` tells."""
+    if "free_lengths" in info:
+        return tuple(info["free_lengths"].T)
+    deltas = info["control_inputs"].T
+    return tuple(arm.design.free_length1 + sign * delta for delta in deltas for sign in (-1, 1))
+
+
+def balance(arm, q, lengths, load):
+    """Largest sum of torques about a pivot, of everything beyond it: springs and load, from node positions alone [N m].
+
+    Springs between a segment's own triangles act on both; the one that crosses the pivot counts.
+    """
+    nodes = arm.nodes(q)
+    design, worst = arm.design, 0.0
+    for i in range(arm.segments):
+        ox, oy = nodes[f"O{i + 1}"]
+        px, py = nodes["P"]
+        torque = (px - ox) * load[1] - (py - oy) * load[0]
+        for (base, moving), k, free in (
+            ((f"A{i + 1}", f"D{i + 1}"), design.k1, lengths[2 * i]),
+            ((f"B{i + 1}", f"C{i + 1}"), design.k2, lengths[2 * i + 1]),
+        ):
+            (bx, by), (mx, my) = nodes[base], nodes[moving]
+            length = np.hypot(bx - mx, by - my) + 1e-300  # zero where the edges meet, as its free length is
+            force = k * (length - free) / length
+            torque = torque + (mx - ox) * force * (by - my) - (my - oy) * force * (bx - mx)
+        worst = max(worst, float(np.abs(torque).max()))
+    return worst
+
+
+@pytest.mark.parametrize("env_id", [REACH, LOADED, PUSH])
+def test_the_arm_is_in_stable_equilibrium_under_inputs_and_load_after_every_step(env_id):
+    envs = make_vec(env_id, 64)
+    arm = DualTriangle()
+    _, info = envs.reset(seed=0)
+    name = envs.unwrapped.core.input_name
+    rng = np.random.default_rng(0)
+    scale = 0.03 if env_id == PUSH else 1.0  # larger moves lose the target at once
+    for _ in range(60):
+        before = info[name]
+        _, _, terminated, truncated, info = envs.step(scale * rng.uniform(-1, 1, envs.action_space.shape))
+        running = ~(terminated | truncated)
+        q, load = tuple(info["configuration"].T), tuple(info["load"].T)
+        assert balance(arm, q, lengths_of(arm, info), load) < 1e-9
+        hessian = np.moveaxis(np.array(arm.stiffness_matrix(q, lengths_of(arm, info), load)), -1, 0)
+        smallest = np.linalg.eigvalsh(hessian)[:, 0]
+        assert smallest.min() > 0
+        np.testing.assert_allclose(smallest / (500 * 0.05**2), info["stability_margin"], atol=1e-9)
+        assert np.abs(info[name] - before)[running].max() <= 0.05 * 0.05 + 1e-12
+
+
+def test_loads_are_as_large_as_promised_and_start_at_rest_under_them():
+    envs = make_vec(LOADED, 2000)
+    _, info = envs.reset(seed=5)
+    size = np.hypot(*info["load"].T) / (0.1339745962155614 * KB)
+    assert size.max() <= 1.5
+    assert size.max() > 1.4
+    assert size.min() < 0.1
+    assert (
+        balance(DualTriangle(), tuple(info["configuration"].T), lengths_of(DualTriangle(), info), info["load"].T) < 1e-9
+    )
+
+
+def test_every_loaded_episode_can_be_solved():
+    """The walk's end is an equilibrium within all bounds; most can be reached by the straight way alone."""
+    env = gym.make(LOADED).unwrapped
+    sampler, core = env.core.sampler, env.core
+    n = 40
+    drawn = sampler.draw(np.arange(n), np.zeros(n, int))
+    _, high = core.simulation.bounds(core.nominal)
+    solved = 0
+    for i in range(n):
+        observation, info = env.reset(seed=i)
+        np.testing.assert_allclose(info["configuration"], [q[i] for q in drawn.configuration], atol=1e-9)
+        goal = np.array([q[i] for q in drawn.target_configuration])
+        load = tuple(float(force[i]) for force in drawn.load)
+        # The control law tells the inputs that hold the walk's end; straight there.
+        end = np.array(core.nominal.control(tuple(goal), load))
+        assert (np.abs(end) <= high + 1e-9).all()
+        gradient = core.nominal.energy_gradient(tuple(goal), core.nominal.free_lengths(tuple(end)), load)
+        assert np.abs(gradient).max() < 1e-9
+        done = False
+        for _ in range(80):
+            gap = (end - info["control_inputs"]) / core.simulation.rate
+            _, _, terminated, _, info = env.step(np.clip(gap, -1, 1))
+            done = bool(info["is_success"])
+            if terminated or done:
+                break
+        solved += done
+        assert np.hypot(*(np.array(core.nominal.tip(tuple(goal))) - observation["desired_goal"])) < 1e-7
+    assert solved >= 0.6 * n
+
+
+def test_the_score_is_the_largest_force_held_in_critical_loads():
+    env = gym.make(PUSH).unwrapped
+    critical = 0.1339745962155614 * KB
+    for seed in range(6):
+        _, info = env.reset(seed=seed)
+        held = 0.0
+        for step in range(1, 151):
+            _, reward, terminated, _, info = env.step(np.zeros(6))
+            assert info["load"][0] == pytest.approx(-0.3 * KB * step / 150)
+            assert info["load"][1] == 0
+            if terminated:
+                break
+            held = -info["load"][0]
+        assert terminated
+        assert reward == 0
+        assert info["termination_reason"] in ("off target", "buckled", "joint limit")
+        assert info["score"] == pytest.approx(held / critical)
+        assert bool(info["is_success"]) == (info["score"] >= 1)
+
+
+def test_starts_for_holding_are_on_target_within_all_bounds_and_of_both_elbows():
+    envs = make_vec(PUSH, 3000)
+    observation, info = envs.reset(seed=1)
+    x, y = observation["desired_goal"].T
+    assert (y == 0).all()
+    assert x.min() >= 0.25 - 1e-6
+    assert x.max() <= 0.295 + 1e-6
+    assert np.ptp(x) > 0.04
+    assert info["tip_error"].max() < 1e-7
+    assert (info["stability_margin"] > 0).all()
+    assert (info["free_lengths"] >= 0).all()
+    assert (info["free_lengths"] <= 0.075).all()
+    up = (info["configuration"][:, 2] > 0).mean()
+    assert 0.45 < up < 0.55
+    # unloaded: each pair of springs balances about its own pivot
+    assert balance(DualTriangle(), tuple(info["configuration"].T), tuple(info["free_lengths"].T), (0.0, 0.0)) < 1e-12
+
+
+@pytest.mark.parametrize("design", [ZHAO2021_CAPTION, ZHAO2021_TEXT], ids=["caption", "text"])
+def test_targets_cover_the_workspace_and_are_reachable(design):
+    envs = make_vec(REACH, 2000, design=design)
+    observation, info = envs.reset(seed=2)
+    target = observation["desired_goal"].T.astype(float)
+    found = DualTriangle(design).redundancy(*target, (0.0, 0.0, 0.0), "squares")
+    assert (found.is_reachable | (found.distance < 1e-6)).all()
+    assert (np.abs(info["control_inputs"]) <= design.free_length1).all()
+    assert np.ptp(target[0]) > 0.3
+    assert np.ptp(target[1]) > 0.4
+
+
+def test_designs_that_cannot_be_used_are_refused():
+    soft = DualTriangleDesign.symmetric(a=0.025, b=0.05, k=500.0, free_length=0.05)  # violates condition (2)
+    with pytest.raises(ValueError, match="condition"):
+        gym.make(REACH, design=soft)
+    cables = DualTriangleDesign.symmetric(a=0.05, b=0.05, k=500.0, free_length=0.05, springs="cable")
+    with pytest.raises(ValueError, match="bilateral"):
+        gym.make(PUSH, design=cables)
+    for env_id, options, name in (
+        (LOADED, {"load_range": (1.0, 0.5)}, "load_range"),
+        (LOADED, {"load_range": (0.0, float("inf"))}, "load_range"),
+        (PUSH, {"load_per_step": 0.0}, "load_per_step"),
+        (REACH, {"tolerance": 0.0}, "tolerance"),
+    ):
+        with pytest.raises(ValueError, match=name):
+            gym.make(env_id, **options)
