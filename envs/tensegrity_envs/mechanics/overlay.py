@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
-from tensegrity_envs.mechanics.regions import Map, Traced
+from tensegrity_envs.mechanics.regions import Map, Traced, signed_area
 
 PRECISION = 1e-9  # coordinates are rounded to this, relative to the size of the picture, so that equal curves are equal
 
@@ -66,6 +66,20 @@ def winding_numbers(rings: Sequence[np.ndarray], points: np.ndarray) -> np.ndarr
             up, down = (y <= py) & (ny > py), (y > py) & (ny <= py)
             total[block] += (up & (left > 0)).sum(axis=1) - (down & (left < 0)).sum(axis=1)
     return total
+
+
+def chord_area(points: np.ndarray) -> tuple[float, float]:
+    """The area between a smooth curve and its chords, signed and without regard to sign, from the chords' bends.
+
+    Args:
+        points: of the curve, shape (n, 2).
+    """
+    u, v = points[1:-1] - points[:-2], points[2:] - points[1:-1]
+    triangles = (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2
+    # Leaving out every second point would lose every second triangle; parabolas lose a third of it at the chords. A
+    # sharp bend is a corner of the curve, where there is nothing to add.
+    smooth = (u * v).sum(axis=1) > 0.9 * np.hypot(*u.T) * np.hypot(*v.T)
+    return float(triangles[smooth].sum()) / 6, float(np.abs(triangles[smooth]).sum()) / 6
 
 
 class Face(NamedTuple):
@@ -205,18 +219,12 @@ def image(sheets: Mapping[str, Traced], mapping: Map, precision: float = PRECISI
             np.stack([np.broadcast_to(v, len(r.points)) for v in mapping((r.points[:, 0], r.points[:, 1]))], axis=1)
             for r in traced.rings
         )
-        area, bulge, error = 0.0, 0.0, 0.0
+        area, error = 0.0, 0.0
         for ring in rings:
-            p, q, r = ring, np.roll(ring, -1, axis=0), np.roll(ring, -2, axis=0)
-            u, v = q - p, r - p
-            triangles = (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2
-            area += float(np.sum(p[:, 0] * q[:, 1] - q[:, 0] * p[:, 1])) / 2
-            # Leaving out every second point loses a triangle for each; parabolas lose a third of it at the chords.
-            # A wide triangle has a corner of the boundary in it, where there is nothing to add.
-            smooth = np.einsum("ij,ij->i", q - p, r - q) > 0.9 * np.hypot(*u.T) * np.hypot(*(r - q).T)
-            bulge += float(triangles[smooth].sum()) / 6
-            error += float(np.abs(triangles[smooth]).sum()) / 6
-        mapped.append(SheetImage(name, traced, rings, abs(area + bulge), error))
+            bulge, part = chord_area(closed(ring))
+            area += signed_area(ring) + bulge
+            error += part
+        mapped.append(SheetImage(name, traced, rings, abs(area), error))
     everything = [closed(ring) for sheet in mapped for ring in sheet.rings]
     polygons = cut(everything, precision)
     inside = np.array([[*p.representative_point().coords[0]] for p in polygons]).reshape(-1, 2)
