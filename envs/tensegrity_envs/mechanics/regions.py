@@ -8,7 +8,7 @@ curves between are refined until their chords are as close as asked.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -58,6 +58,7 @@ class Region:
         names: of the conditions.
         lower, upper: corners of the box.
         what: in words, for exports.
+        least: (q1, q2) -> the smallest of the margins, where that is cheaper than all of them.
     """
 
     conditions: Callable[[Any, Any], Sequence[Component]]
@@ -65,6 +66,7 @@ class Region:
     lower: tuple[float, float]
     upper: tuple[float, float]
     what: str = "region"
+    least: Callable[[Any, Any], Component] | None = None
 
     def __post_init__(self) -> None:
         """Validate.
@@ -94,7 +96,11 @@ class Region:
 
     def margin(self, q1: Component, q2: Component) -> np.ndarray:
         """The smallest margin, positive inside and continuous; the box is not part of it."""
-        return np.asarray(self.margins(q1, q2).min(axis=0))
+        if self.least is None:
+            return np.asarray(self.margins(q1, q2).min(axis=0))
+        with np.errstate(all="ignore"):
+            value = np.asarray(self.least(np.asarray(q1, float), np.asarray(q2, float)))
+        return np.where(np.isnan(value), -1.0, value)
 
     def active(self, q1: Component, q2: Component) -> np.ndarray:
         """Index of the condition with the smallest margin."""
@@ -109,12 +115,11 @@ class Region:
 
     def with_condition(self, name: str, margin: Callable[[Any, Any], Component]) -> "Region":
         """The part of this region in which one more margin is positive."""
-        return Region(
-            lambda q1, q2: (*self.conditions(q1, q2), margin(q1, q2)),
-            (*self.names, name),
-            self.lower,
-            self.upper,
-            self.what,
+        return replace(
+            self,
+            conditions=lambda q1, q2: (*self.conditions(q1, q2), margin(q1, q2)),
+            names=(*self.names, name),
+            least=lambda q1, q2: np.minimum(self.margin(q1, q2), margin(q1, q2)),
         )
 
     # ------------------------------------------------------------------------------------------------------ slices
@@ -143,36 +148,55 @@ class Region:
         low, high = self.lower[fixed], self.upper[fixed]
         if not np.all((lines >= low) & (lines <= high)):
             raise ValueError(f"values = {values!r}: must lie in [{low:g}, {high:g}]")
+        return self._slices(np.full(len(lines), fixed), lines, samples)
+
+    def _slices(self, fixed: np.ndarray, lines: np.ndarray, samples: int) -> list[list[Interval]]:
+        """Intervals on lines, each with its own fixed coordinate."""
+        first = fixed == 0
+
+        def at(line: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            value, is_first = lines[line], first[line]
+            return np.where(is_first, value, s), np.where(is_first, s, value)
 
         def margin(line: np.ndarray, s: np.ndarray) -> np.ndarray:
-            return self.margin(*((lines[line], s) if fixed == 0 else (s, lines[line])))
+            return self.margin(*at(line, s))
 
-        s = np.linspace(self.lower[1 - fixed], self.upper[1 - fixed], samples)
+        share = np.linspace(0.0, 1.0, samples)
+        low = np.where(first, self.lower[1], self.lower[0])[:, None]
+        s = low + (np.where(first, self.upper[1], self.upper[0])[:, None] - low) * share
+        s[:, -1] = np.where(first, self.upper[1], self.upper[0])
         index = np.arange(len(lines))
-        sampled = margin(index[:, None], s[None, :])
-        extra_line, extra_s = hidden_sign_changes(margin, s, sampled)
-        extra = margin(extra_line, extra_s) > 0
-        line = np.concatenate([np.repeat(index, samples), extra_line])
-        place = np.concatenate([np.tile(s, len(lines)), extra_s])
-        inside = np.concatenate([(sampled > 0).ravel(), extra])
-        order = np.lexsort((place, line))
-        line, place, inside = line[order], place[order], inside[order]
-        change = np.flatnonzero((inside[1:] != inside[:-1]) & (line[1:] == line[:-1]))
-        owner = line[change]
-        roots = bracketed_roots(lambda x: margin(owner, x), place[change], place[change + 1])
-        active = self.active(*((lines[owner], roots) if fixed == 0 else (roots, lines[owner])))
-        first, last = s[0], s[-1]
-        found: list[list[Interval]] = []
-        for k in range(len(lines)):
-            mine = owner == k
-            ends = [(float(x), self.names[c]) for x, c in zip(roots[mine], active[mine], strict=True)]
-            if sampled[k, 0] > 0:
-                ends.insert(0, (float(first), LIMIT))
-            if sampled[k, -1] > 0:
-                ends.append((float(last), LIMIT))
-            pairs = zip(ends[::2], ends[1::2], strict=True)
-            found.append([Interval(a, b, name_a, name_b) for (a, name_a), (b, name_b) in pairs])
-        return found
+        sampled = np.empty(s.shape)
+        for k in np.unique(fixed):  # a coordinate that is constant on its line is evaluated once
+            mine = np.flatnonzero(fixed == k)
+            constant, along = lines[mine][:, None], s[mine[0]][None, :]
+            sampled[mine] = self.margin(*((constant, along) if k == 0 else (along, constant)))
+        inside = sampled > 0
+        # Brackets (line, outer or inner end, other end): between samples that differ, and around hidden changes.
+        line, i = np.nonzero(inside[:, 1:] != inside[:, :-1])
+        begin, end = s[line, i], s[line, i + 1]
+        hidden, x = hidden_sign_changes(margin, s, sampled)
+        if len(hidden):
+            line = np.concatenate([np.repeat(index, samples), hidden])
+            place = np.concatenate([s.ravel(), x])
+            flags = np.concatenate([inside.ravel(), margin(hidden, x) > 0])
+            order = np.lexsort((place, line))
+            line, place, flags = line[order], place[order], flags[order]
+            change = np.flatnonzero((flags[1:] != flags[:-1]) & (line[1:] == line[:-1]))
+            line, begin, end = line[change], place[change], place[change + 1]
+        roots = bracketed_roots(lambda t: margin(line, t), begin, end)
+        active = self.active(*at(line, roots))
+        ends: list[list[tuple[float, str]]] = [[] for _ in lines]
+        for k in np.flatnonzero(inside[:, 0]):
+            ends[k].append((float(s[k, 0]), LIMIT))
+        for k, root, condition in zip(line.tolist(), roots.tolist(), active.tolist(), strict=True):
+            ends[k].append((root, self.names[condition]))
+        for k in np.flatnonzero(inside[:, -1]):
+            ends[k].append((float(s[k, -1]), LIMIT))
+        return [
+            [Interval(a, b, name_a, name_b) for (a, name_a), (b, name_b) in zip(found[::2], found[1::2], strict=True)]
+            for found in ends
+        ]
 
     def scan(self, lines: int = 50, samples: int = 257) -> BoundaryPoints:
         """Boundary points on equally spaced grid lines in both directions, as a cloud.
@@ -181,17 +205,19 @@ class Region:
             lines: in each direction.
             samples: along each line, see `slices`.
         """
+        fixed = np.repeat([1, 0], lines)
+        values = np.concatenate([np.linspace(self.lower[k], self.upper[k], lines) for k in (1, 0)])
         points: list[tuple[float, float]] = []
         names: list[str] = []
         along: list[int] = []
-        for fixed in (1, 0):
-            values = np.linspace(self.lower[fixed], self.upper[fixed], lines)
-            for value, intervals in zip(values.tolist(), self.slices(fixed, values, samples), strict=True):
-                for interval in intervals:
-                    for end, name in zip(interval[:2], interval[2:], strict=True):
-                        points.append((value, end) if fixed == 0 else (end, value))
-                        names.append(name)
-                        along.append(fixed)
+        for k, value, intervals in zip(
+            fixed.tolist(), values.tolist(), self._slices(fixed, values, samples), strict=True
+        ):
+            for interval in intervals:
+                for end, name in zip(interval[:2], interval[2:], strict=True):
+                    points.append((value, end) if k == 0 else (end, value))
+                    names.append(name)
+                    along.append(k)
         return BoundaryPoints(np.array(points).reshape(-1, 2), names, np.array(along, int))
 
     # ---------------------------------------------------------------------------------------------------- boundary
@@ -297,7 +323,6 @@ class Traced:
     area: float
     area_error: float
     resolution: int
-    _cache: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def is_empty(self) -> bool:

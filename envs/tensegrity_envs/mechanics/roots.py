@@ -60,7 +60,7 @@ def hidden_sign_changes(
 
     Args:
         f: (line, x) -> value, elementwise; line is an index array of the same shape as x.
-        x: samples, shape (n,), increasing.
+        x: samples, shape (lines, n), increasing along each line.
         values: f there, shape (lines, n).
         iterations: of the golden section, each of which shortens the interval by 0.62.
 
@@ -75,26 +75,28 @@ def hidden_sign_changes(
     rise = np.maximum(np.where(np.isfinite(left), left, 0.0), np.where(np.isfinite(right), right, 0.0)) - size
     line, i = np.nonzero(alike & (size <= left) & (size <= right) & (size < 2 * rise))
     if not len(line):
-        return line, x[:0]
+        return line, np.empty(0)
     sign = np.where(values[line, i] > 0, 1.0, -1.0)
-    low, high = x[np.maximum(i - 1, 0)], x[np.minimum(i + 1, len(x) - 1)]
+    low, high = x[line, np.maximum(i - 1, 0)], x[line, np.minimum(i + 1, x.shape[1] - 1)]
     p, q = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     fp, fq = sign * f(line, p), sign * f(line, q)
-    found = np.full(len(line), np.nan)
+    found_line, found = [line[:0]], [low[:0]]
     for _ in range(iterations):
-        found = np.where(np.isnan(found) & (fp < 0), p, found)
-        found = np.where(np.isnan(found) & (fq < 0), q, found)
-        if not np.isnan(found).any():
-            break
         smaller = fp < fq
+        best, point = np.where(smaller, fp, fq), np.where(smaller, p, q)
+        crossed = best < 0
+        if crossed.any():
+            found_line.append(line[crossed])
+            found.append(point[crossed])
+        # Out of reach: what is left of the interval cannot change f by as much as it would take.
+        going = ~crossed & (best < 6 * np.abs(fp - fq))
+        if not going.any():
+            break
+        line, sign, smaller = line[going], sign[going], smaller[going]
+        low, high, p, q, fp, fq = (v[going] for v in (low, high, p, q, fp, fq))
         low, high = np.where(smaller, low, p), np.where(smaller, q, high)
         new = np.where(smaller, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
         f_new = sign * f(line, new)
-        p, q, fp, fq = (
-            np.where(smaller, new, q),
-            np.where(smaller, p, new),
-            np.where(smaller, f_new, fq),
-            np.where(smaller, fp, f_new),
-        )
-    good = ~np.isnan(found)
-    return line[good], found[good]
+        p, q = np.where(smaller, new, q), np.where(smaller, p, new)
+        fp, fq = np.where(smaller, f_new, fq), np.where(smaller, fp, f_new)
+    return np.concatenate(found_line), np.concatenate(found)

@@ -35,7 +35,7 @@ class CableDriven(Protocol):
     def singularity(self, q: Any) -> Component:
         """det J."""
 
-    def posture(self, q: Any, load: Any) -> tuple[Components, Component, Component]:
+    def posture(self, q: Any, load: Any = ...) -> tuple[Components, Component, Component]:
         """Stiffest tensions [N], stability margin and wrench margin."""
 
 
@@ -69,14 +69,21 @@ def stable_wrench_feasible_joint_space(
     low, high = float(mechanism.design.min_tension), float(mechanism.design.max_tension)
     scale = sheet / float(mechanism.reach) ** 2
 
+    outside = () if tuple(load) == (0.0, 0.0) else (load,)
+
     def conditions(q1: Any, q2: Any) -> tuple[Component, ...]:
-        tensions, stability, _ = mechanism.posture((q1, q2), load)
+        tensions, stability, _ = mechanism.posture((q1, q2), *outside)
         margins = (stability, *((tension - low) / high for tension in tensions))
         return (*margins, scale * mechanism.singularity((q1, q2))) if sheet else margins
 
+    def least(q1: Any, q2: Any) -> Component:
+        _, stability, wrench = mechanism.posture((q1, q2), *outside)
+        margin = np.minimum(stability, wrench)
+        return np.minimum(margin, scale * mechanism.singularity((q1, q2))) if sheet else margin
+
     names = (STABILITY, *mechanism.input_names, *((SINGULARITY,) if sheet else ()))
     what = "SWFJ" + (f", det J {'>' if sheet > 0 else '<'} 0" if sheet else "")
-    return Region(conditions, names, (-limit, -limit), (limit, limit), what)
+    return Region(conditions, names, (-limit, -limit), (limit, limit), what, least)
 
 
 def stable_wrench_feasible_workspace(
