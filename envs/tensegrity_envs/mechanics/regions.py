@@ -21,9 +21,11 @@ from tensegrity_envs.mechanics.roots import bracketed_roots, hidden_sign_changes
 Map = Callable[[tuple[np.ndarray, np.ndarray]], tuple[Any, Any]]
 
 LIMIT = "limit"  # the name of the box's edge among the conditions
+PI = math.pi
 _RESIDUAL = 1e-10  # of every boundary point, in units of the margin
 _ROUNDS = 12  # of halving the chords
 _NEWTON = 8
+_FEWEST = 12  # crossings of grid edges by one ring
 
 
 class Interval(NamedTuple):
@@ -247,10 +249,12 @@ class Region:
         while True:
             grids = [np.linspace(low, high, resolution + 1) for low, high in zip(self.lower, self.upper, strict=True)]
             margin = self.margin(grids[0][None, :], grids[1][:, None])
-            if 2 * resolution > finest or not self._is_too_coarse(margin, grids):
+            rings, shape = _outlines(margin)
+            small = any(len(ring) < _FEWEST for ring in rings)
+            if 2 * resolution > finest or not (small or self._is_too_coarse(margin, grids)):
                 break
             resolution *= 2
-        return _trace(self, grids, margin, tolerance, image)
+        return _trace(self, grids, margin, rings, shape, tolerance, image)
 
     def _is_too_coarse(self, margin: np.ndarray, grids: list[np.ndarray]) -> bool:
         positive = margin > 0
@@ -313,8 +317,8 @@ class Traced:
         region: that was traced.
         components: of it.
         area: chords' polygons and the segments between chords and curves.
-        area_error: estimate: those segments, added without regard to their sign. It does not know of features
-            smaller than a cell of the grid.
+        area_error: estimate: those segments, added without regard to their sign, and more where the boundary could not
+            be resolved. It does not know of features smaller than a cell of the grid.
         resolution: cells of the grid along each coordinate.
     """
 
@@ -409,22 +413,34 @@ class _Curves:
         self.bulge = np.insert(self.bulge, at, bulge)
 
 
-def _trace(
-    region: Region, grids: list[np.ndarray], margin: np.ndarray, tolerance: float, image: Map | None
-) -> Traced:
-    resolution = len(grids[0]) - 1
+def _outlines(margin: np.ndarray) -> tuple[list[np.ndarray], list[int]]:
+    """Rings of crossed grid edges' middles, in cells, outer ones before their holes; and rings of each component."""
     # Only signs count: every crossing is then at the middle of a grid edge. A rim of outside closes the curves.
     signs = np.full((margin.shape[0] + 2, margin.shape[1] + 2), -1.0)
     signs[1:-1, 1:-1] = np.where(margin > 0, 1.0, -1.0)
+    rings: list[np.ndarray] = []
+    shape = []
     filled = contour_generator(z=signs, fill_type=FillType.OuterOffset).filled(0.0, 2.0)
-    rings, shape = [], []
     for points, offsets in zip(*filled, strict=True):
-        pieces = [np.asarray(points[i:j])[:-1] for i, j in zip(offsets[:-1], offsets[1:], strict=True)]
+        pieces = [np.asarray(points[i:j])[:-1] - 1.0 for i, j in zip(offsets[:-1], offsets[1:], strict=True)]
         shape.append(len(pieces))
         rings += pieces
+    return rings, shape
+
+
+def _trace(
+    region: Region,
+    grids: list[np.ndarray],
+    margin: np.ndarray,
+    rings: list[np.ndarray],
+    shape: list[int],
+    tolerance: float,
+    image: Map | None,
+) -> Traced:
+    resolution = len(grids[0]) - 1
     if not rings:
         return Traced(region, (), 0.0, 0.0, resolution)
-    crossing = np.concatenate(rings) - 1.0  # in cells
+    crossing = np.concatenate(rings)
     owner = np.repeat(np.arange(len(rings)), [len(r) for r in rings])
     points, conditions = _crossings(region, grids, margin, crossing)
     curves = _Curves(points, conditions, owner)
@@ -585,11 +601,17 @@ def _assemble(region: Region, curves: _Curves, shape: list[int], resolution: int
         rings.append(ring)
         areas.append(signed_area(ring.points) + float(curves.bulge[mine].sum()) if len(mine) > 2 else 0.0)
     components, at = [], 0
+    # The grid may see the thin end of a piece as islands. Their corners are all at the tip of the end, which the piece
+    # itself reaches, so that nothing is left of them.
+    least = 1e-3 * region.box_area / resolution**2
     for pieces in shape:
-        if len(rings[at].points) > 2:
+        if areas[at] > least:
             holes = tuple(ring for ring in rings[at + 1 : at + pieces] if len(ring.points) > 2)
             components.append(Component2D(rings[at], holes, sum(areas[at : at + pieces])))
         at += pieces
     components.sort(key=lambda component: -component.area)
     area = sum(component.area for component in components)
-    return Traced(region, tuple(components), area, float(np.abs(curves.bulge).sum()), resolution)
+    unknown = curves.conditions < 0  # a curve that stays within a semicircle over its chord
+    step = curves.points[nxt] - curves.points
+    error = float(np.abs(curves.bulge).sum() + PI / 8 * (step[unknown] ** 2).sum())
+    return Traced(region, tuple(components), area, error, resolution)

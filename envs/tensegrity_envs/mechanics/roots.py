@@ -77,7 +77,8 @@ def hidden_sign_changes(
     if not len(line):
         return line, np.empty(0)
     sign = np.where(values[line, i] > 0, 1.0, -1.0)
-    low, high = x[line, np.maximum(i - 1, 0)], x[line, np.minimum(i + 1, x.shape[1] - 1)]
+    before, after = np.maximum(i - 1, 0), np.minimum(i + 1, x.shape[1] - 1)
+    low, high, f_low, f_high = x[line, before], x[line, after], size[line, before], size[line, after]
     p, q = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     fp, fq = sign * f(line, p), sign * f(line, q)
     found_line, found = [line[:0]], [low[:0]]
@@ -88,13 +89,14 @@ def hidden_sign_changes(
         if crossed.any():
             found_line.append(line[crossed])
             found.append(point[crossed])
-        # Out of reach: what is left of the interval cannot change f by as much as it would take.
-        going = ~crossed & (best < 6 * np.abs(fp - fq))
+        # Out of reach: on what is left of the interval f does not change by as much as it would take.
+        going = ~crossed & (best < 2 * (np.maximum(f_low, f_high) - best))
         if not going.any():
             break
         line, sign, smaller = line[going], sign[going], smaller[going]
-        low, high, p, q, fp, fq = (v[going] for v in (low, high, p, q, fp, fq))
-        low, high = np.where(smaller, low, p), np.where(smaller, q, high)
+        low, high, p, q, f_low, f_high, fp, fq = (v[going] for v in (low, high, p, q, f_low, f_high, fp, fq))
+        low, f_low = np.where(smaller, low, p), np.where(smaller, f_low, fp)
+        high, f_high = np.where(smaller, q, high), np.where(smaller, fq, f_high)
         new = np.where(smaller, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
         f_new = sign * f(line, new)
         p, q = np.where(smaller, new, q), np.where(smaller, p, new)
