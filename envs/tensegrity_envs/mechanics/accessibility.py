@@ -291,9 +291,11 @@ def accessibility(mechanism: TwoX, resolution: int = 256, tolerance: float = 1e-
     limits: list[np.ndarray] = []
     for (name, i, angle), points in zip(lines, meeting, strict=True):
         ends = [(angle, s) if i == 0 else (s, angle) for s in (float(low[1 - i]), float(high[1 - i]))]
+        others = [other for _, k, other in lines if k != i]
         if not design.a:  # without offsets it also meets the self-motion, at the base
-            others = [s for s in (2 * PI - angle, -2 * PI - angle) if low[1 - i] <= s <= high[1 - i]]
-            points = np.concatenate([points, *([[angle, s] if i == 0 else [s, angle]] for s in others)])
+            others += [2 * PI - angle, -2 * PI - angle]
+        others = [s for s in others if low[1 - i] <= s <= high[1 - i]]
+        points = np.concatenate([points, *([[angle, s] if i == 0 else [s, angle]] for s in others)])
         line = straight_line(mechanism, *ends, points, tolerance)
         if name == "limit":
             limits.append(line)
