@@ -1,4 +1,4 @@
-"""Analyses of mechanisms: figures, regions as GeoJSON, a table of numbers and a page for browsing, one folder per design.
+"""Analyses of mechanisms: figures, regions as GeoJSON, numbers and a page for browsing, one folder per design.
 
 `ANALYSES` is the table of mechanisms that can be analysed; a new one is one more row.
 """
@@ -217,9 +217,7 @@ def _stable_set(mechanism: TwoX, name: str, folder: Path, step: Callable[[str], 
     )
     table: Numbers = dict(workspace.summary(traced, found))
     for k, interval in enumerate(intervals):
-        text = (
-            f"[{interval.low:.12f} ({interval.low_condition}), {interval.high:.12f} ({interval.high_condition})]"
-        )
+        text = f"[{interval.low:.12f} ({interval.low_condition}), {interval.high:.12f} ({interval.high_condition})]"
         table[f"alpha_1 on the slice alpha_2 = 0, interval {k + 1} [rad]"] = text
     return table
 
@@ -261,7 +259,9 @@ def _accessibility(mechanism: TwoX, folder: Path, step: Callable[[str], None]) -
 
 def _page_of_solutions(found: accessibility.Accessibility, folder: Path, name: str) -> None:
     m = found.mechanism
-    pieces = [piece for chain in found.singular for piece in (accessibility.wrapped(chain) if not found.limits else [chain])]
+    pieces = [
+        piece for chain in found.singular for piece in (accessibility.wrapped(chain) if not found.limits else [chain])
+    ]
     curves = {"flat": list(found.flat.values()), "limit": list(found.limits), "singular": list(found.singular)}
     write_page(
         folder / "browse.html",
@@ -289,7 +289,7 @@ def _showpiece(found: accessibility.Accessibility) -> tuple[float, float]:
 
 ANALYSES: dict[str, Analysis] = {
     "two-x": Analysis(
-        "stable wrench-feasible set; for arms without offsets also regions by inverse solutions, cusps, posture changes",
+        "stable wrench-feasible set; without offsets also regions by inverse solutions, cusps, posture changes",
         {"muralidharan2022": lambda: MURALIDHARAN2022, "furet2018": lambda: FURET2018(2 / 3)},
         ("muralidharan2022", "furet2018,b=0.4", "furet2018,b=0.6666666666666666", "furet2018,b=0.9"),
         _analyze_two_x,

@@ -1,4 +1,4 @@
-"""The plain 2-X: cusps and nodes by elimination, regions against inverse kinematics, posture changes checked densely."""
+"""The plain 2-X: cusps and nodes by elimination, regions against inverse kinematics, checks of posture changes."""
 
 import math
 from collections import Counter
@@ -98,9 +98,9 @@ def test_nodes_are_pairs_of_double_roots(b):
         for configuration in node.configurations:
             assert found(b).mechanism.tip(configuration) == pytest.approx(node.tip, abs=1e-10)
             assert found(b).mechanism.singularity(configuration) == pytest.approx(0, abs=1e-11)
-    assert max(n.tip[1] for n in nodes) == pytest.approx(
-        {2 / 3: 1.636385610741419, 0.9: 1.4832659665002217, 0.5: 1.7511984743965474}.get(b, max(n.tip[1] for n in nodes)), abs=1e-9
-    )
+    published = {2 / 3: 1.636385610741419, 0.9: 1.4832659665002217, 0.5: 1.7511984743965474}
+    if b in published:
+        assert max(n.tip[1] for n in nodes) == pytest.approx(published[b], abs=1e-9)
 
 
 def test_cuspidality_theorem():
@@ -136,7 +136,12 @@ def test_types_of_figure_6():
     assert (y0, y1) == pytest.approx((1.600, 1.636), abs=2e-3)
     assert x0 == pytest.approx(-x1, abs=1e-6)
     # Turning the base by pi exchanges up and down of joint 1 and keeps the workspace: areas come in pairs.
-    for one, other in (("4 UU", "4 DD"), ("2 UU + 2 UD", "2 DU + 2 DD"), ("1 UU + 1 UD", "1 DU + 1 DD"), ("2 UD", "2 DU")):
+    for one, other in (
+        ("4 UU", "4 DD"),
+        ("2 UU + 2 UD", "2 DU + 2 DD"),
+        ("1 UU + 1 UD", "1 DU + 1 DD"),
+        ("2 UD", "2 DU"),
+    ):
         assert areas[one] == pytest.approx(areas[other], abs=2e-6)
 
 
@@ -158,7 +163,11 @@ def test_regions_against_inverse_kinematics(b, limit):
     a1, a2 = m.inverse_kinematics_batch(x, y)
     types = []
     for u, v in zip(a1, a2, strict=True):
-        states = Counter("DU"[int(p < math.pi)] + "DU"[int(q < math.pi)] for p, q in zip(abs(u), abs(v), strict=True) if p == p)
+        states = Counter(
+            "DU"[int(p < math.pi)] + "DU"[int(q < math.pi)]
+            for p, q in zip(abs(u), abs(v), strict=True)
+            if not math.isnan(p)
+        )
         types.append(" + ".join(f"{states[s]} {s}" for s in ("UU", "UD", "DU", "DD") if states[s]))
     chains = (*arm.singular, *arm.flat.values(), *arm.limits)
     curves = shapely.multilinestrings([shapely.linestrings(tip_curve(m, chain)) for chain in chains])

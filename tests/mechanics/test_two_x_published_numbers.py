@@ -1,4 +1,4 @@
-"""Every row of tests/data/two_x.json that concerns the mechanics; those of the workspace analysis have their own file."""
+"""Every row of tests/data/two_x.json that concerns the mechanics; the workspace analysis has its own file."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""The stable wrench-feasible set by other routes: grids, inverse kinematics, brute-force scans, the paper's polynomials."""
+"""The stable wrench-feasible set by other routes: grids, inverse kinematics, dense scans, the paper's polynomials."""
 
 import math
 from dataclasses import replace
@@ -131,7 +131,7 @@ def test_joint_space_against_a_grid(seed):
     assert abs(inside.sum() * h * h - traced.area) < 4.5 * sigma + traced.area_error + h * h
     for component in traced.components:
         assert component.area > 0
-    # Pixels touch at corners where the set does not, or miss a narrow bridge: compare where both ways of counting agree.
+    # Pixels touch at corners where the set does not, or miss a narrow bridge: compare where both counts agree.
     centre = (corner + h / 2)[:, None], (corner + h / 2)[None, :]
     pixels = m.is_stable_wrench_feasible(centre)
     labels = [ndimage.label(pixels, structure)[0] for structure in (np.ones((3, 3)), None)]

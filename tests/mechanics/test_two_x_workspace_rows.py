@@ -1,4 +1,4 @@
-"""The rows of tests/data/two_x.json that concern areas, boundaries, cusps and degrees (all others: *_published_numbers)."""
+"""The rows of tests/data/two_x.json that concern areas, boundaries, cusps and degrees; others: *_published_numbers."""
 
 import json
 import math
@@ -146,8 +146,8 @@ def joint_space(inputs, expected, tolerance):
     if "area_rad2" in expected:
         assert traced.area == pytest.approx(expected["area_rad2"], abs=tolerance["area_rad2"])
     if "alpha1_extent" in expected:
-        # A sharp corner, where stability and the right cable of joint 1 end together; the row's value, from lines 4e-4 rad
-        # apart or wider, does not reach it: at 2.808 there still are stable, wrench-feasible configurations.
+        # A sharp corner, where stability and the right cable of joint 1 end together; the row's value, from lines some
+        # 1e-3 rad apart, does not reach it: at 2.8082 there still are stable, wrench-feasible configurations.
         low, high = traced.bounds()
         assert high[0] == -low[0] == pytest.approx(expected["alpha1_extent"], abs=1e-3)
         assert m.is_stable_wrench_feasible((2.8082, 1.1662))

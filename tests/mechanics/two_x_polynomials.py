@@ -2,8 +2,8 @@
 
 The product does not use them. They are built from the energy with its square roots as separate symbols: multiplied by
 its conjugate (the root of the scanned joint with the other sign) a condition is a trigonometric polynomial, known from
-samples, and so a polynomial in t = tan(alpha / 4). The two printed in full, Eqs. 21 and 26, are also here as printed, with
-the corrections of docs/two_x.md.
+samples, and so a polynomial in t = tan(alpha / 4). The two printed in full, Eqs. 21 and 26, are also here as printed,
+with the corrections of docs/two_x.md.
 """
 
 import math
@@ -37,8 +37,8 @@ def conditions(design, k, joints, constants):
 
     Args:
         design: of the arm.
-        k: 0 ... 7. 0-3: moments against the bounds of the cables, G_i - Gamma_i,min and Gamma_i,max - G_i. 4-7: det K with
-            (right, right), (right, left), (left, right), (left, left) at the largest tension, over denominators.
+        k: 0 ... 7. 0-3: moments against the bounds of the cables, G_i - Gamma_i,min and Gamma_i,max - G_i. 4-7: det K
+            with (right, right), (right, left), (left, right), (left, left) at the largest tension, over denominators.
         joints: for each joint (c, s, r): cos and sin of alpha / 2, and +-sqrt(l^2 - b^2 c^2).
         constants: from `coefficients`.
 

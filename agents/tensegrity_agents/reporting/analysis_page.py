@@ -1,7 +1,7 @@
 """One self-contained HTML page to browse a workspace: hover for the regions, click to see the arm that gets there.
 
 No script or data is loaded from anywhere. The page holds the regions as polygons, margins on a grid of the joint space,
-and the mechanism's node positions as tables: those of joint 1 by its angle, and those of joint 2, seen from its base, by
+and the mechanism's node positions as tables: those of joint 1 by its angle, those of joint 2, seen from its base, by
 its own. So it knows no equation of the mechanism, only how a serial chain is put together.
 """
 

@@ -66,6 +66,11 @@ def _fill(axes: Axes, geometry: Any, colour: str, **kwargs: Any) -> None:
         axes.add_patch(PathPatch(path, facecolor=colour, **({"edgecolor": "none", "linewidth": 0} | kwargs)))
 
 
+def _panels(figure: Figure, count: int, **kwargs: Any) -> list[Axes]:
+    """Axes side by side."""
+    return list(figure.subplots(1, count, squeeze=False, **kwargs)[0])
+
+
 def _workspace_axes(axes: Axes, bounds: Sequence[float], base: bool = True) -> None:
     x0, y0, x1, y1 = bounds
     rim = 0.05 * max(x1 - x0, y1 - y0)
@@ -94,7 +99,13 @@ def _critical(axes: Axes, found: Accessibility, size: float = 4.0) -> list[Any]:
     """Cusps and nodes; the handles of a legend."""
     handles: list[Any] = []
     for name, marker, points in (("cusp", "o", found.cusps), ("node", "D", found.nodes)):
-        style = {"marker": marker, "markersize": size, "color": "white", "markeredgecolor": _INK, "linestyle": "none"}
+        style: Any = {
+            "marker": marker,
+            "markersize": size,
+            "color": "white",
+            "markeredgecolor": _INK,
+            "linestyle": "none",
+        }
         for point in points:
             axes.plot(*point.tip, **style, zorder=7)
         if points:
@@ -123,8 +134,8 @@ def _solutions(n: int) -> str:
 def workspace_boundaries(workspaces: Mapping[str, Accessibility]) -> Figure:
     """Workspace boundaries and regions by number of inverse solutions, [Furet2018, Fig. 3]; a panel for each design."""
     n = max(len(workspaces), 1)
-    figure = _figure(2.7 * n + 0.6, 3.6)
-    panels = np.atleast_1d(figure.subplots(1, n))
+    figure = _figure(max(2.7 * n + 0.6, 5.0), 3.6 if n > 2 else 4.2)
+    panels = _panels(figure, n)
     counts = sorted({count for found in workspaces.values() for count in found.by_count})
     handles: dict[str, Any] = {}
     for axes, (name, found) in zip(panels, workspaces.items(), strict=False):
@@ -135,7 +146,7 @@ def workspace_boundaries(workspaces: Mapping[str, Accessibility]) -> Figure:
             handles.setdefault(handle.get_label(), handle)
         axes.set_title(name)
     fills = [Patch(color=_COUNTS.get(count, "#33608f"), label=_solutions(count)) for count in counts]
-    figure.legend(handles=[*fills, *handles.values()], loc="outside lower center", ncols=6)
+    figure.legend(handles=[*fills, *handles.values()], loc="outside lower center", ncols=6 if n > 2 else 3)
     return figure
 
 
@@ -160,7 +171,7 @@ def inverse_solutions(mechanism: TwoX, solutions: Sequence[InverseSolution], tar
     """The arm in every inverse solution of one target, [Furet2018, Fig. 4]."""
     n = max(len(solutions), 1)
     figure = _figure(min(2.4 * n, 10) + 0.4, 3.9)
-    panels = np.atleast_1d(figure.subplots(1, n, sharex=True, sharey=True))
+    panels = _panels(figure, n, sharex=True, sharey=True)
     if not solutions:
         _note(panels[0], "no inverse solution")
     for axes, solution in zip(panels, solutions, strict=False):
@@ -185,10 +196,14 @@ def _types_panel(axes: Axes, found: Accessibility, colours: Mapping[str, str], w
 
 @_styled
 def regions_by_type(found: Accessibility) -> Figure:
-    """Regions by the up and down states of their solutions, [Furet2018, Fig. 6], its upper four-solution part magnified."""
+    """Regions by the up and down states of their solutions, [Furet2018, Fig. 6], and a magnified part.
+
+    Args:
+        found: the workspace.
+    """
     figure = _figure(9.4, 4.6)
     zoom = [part for part in found.parts(max(found.by_count, default=0)) if part.centroid.y > 0]
-    panels = np.atleast_1d(figure.subplots(1, 2 if zoom and len(found.by_count) > 1 else 1))
+    panels = _panels(figure, 2 if zoom and len(found.by_count) > 1 else 1)
     ordered = sorted(found.by_type, key=lambda types: -found.by_type[types].area)
     colours = {types: _TYPES[k % len(_TYPES)] for k, types in enumerate(ordered)}
     _types_panel(panels[0], found, colours, 1.0)
@@ -219,7 +234,7 @@ def joint_limited(found: Accessibility) -> Figure:
     """Regions by number of solutions within joint limits, [Furet2018, Fig. 7], a three-solution sliver magnified."""
     zoom = found.parts(3)
     figure = _figure(8.6 if zoom else 5.4, 4.0)
-    panels = np.atleast_1d(figure.subplots(1, 2 if zoom else 1, width_ratios=[1.3, 1] if zoom else [1]))
+    panels = _panels(figure, 2 if zoom else 1, width_ratios=[1.3, 1] if zoom else [1])
     for axes in panels:
         for count, shape in found.by_count.items():
             _fill(axes, shape, _COUNTS.get(count, "#33608f"))
@@ -320,7 +335,9 @@ def boundary_scan(mechanism: TwoX, intervals: Sequence[Interval], fixed: float, 
         left.axvspan(interval.low, interval.high, color="#e6edf5", linewidth=0)
         for end, name in zip(interval[:2], interval[2:], strict=True):
             left.plot(end, 0, "o", markersize=4.5, color=_CONDITIONS.get(name, _INK), zorder=5)
-            left.annotate(f"{end:.5f}", (end, 0), xytext=(0, -13), textcoords="offset points", ha="center", fontsize=7.5)
+            left.annotate(
+                f"{end:.5f}", (end, 0), xytext=(0, -13), textcoords="offset points", ha="center", fontsize=7.5
+            )
     for name, values in margins.items():
         left.plot(s, values, color=_CONDITIONS.get(name, _INK), linewidth=1.3, label=name)
     left.axhline(0, color=_INK, linewidth=0.8)
@@ -348,7 +365,7 @@ def boundary_scan(mechanism: TwoX, intervals: Sequence[Interval], fixed: float, 
 
 @_styled
 def stable_sets(mechanism: TwoX, cloud: Cloud, joint_space: Traced, workspace: Image) -> Figure:
-    """SWFJ and SWFW with the two sheets of det J, [Muralidharan2022, Fig. 4]: its points, and the curves through them."""
+    """SWFJ and SWFW with the two sheets of det J, [Muralidharan2022, Fig. 4]: points, and curves through them."""
     figure = _figure(9.0, 4.5)
     left, right = figure.subplots(1, 2)
     _joint_axes(left, PI)

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
@@ -75,7 +75,8 @@ def is_full_torus(mechanism: TwoX) -> bool:
     return bool(mechanism.design.joint_limit >= 2 * math.pi * (1 - 1e-12))
 
 
-class Accessible(NamedTuple):
+@dataclass(frozen=True)
+class Accessible:
     """A region of the workspace in which the number and the types of the inverse solutions are constant.
 
     Attributes:
@@ -149,7 +150,9 @@ class Accessibility:
     def to_features(self) -> list[dict[str, Any]]:
         """GeoJSON features: regions by types of solutions, singular and flat curves, cusps and nodes [m]."""
         found = [
-            feature(shape, {"solutions": types, "count": sum(int(t[0]) for t in types.split(" + ")), "area": shape.area})
+            feature(
+                shape, {"solutions": types, "count": sum(int(t[0]) for t in types.split(" + ")), "area": shape.area}
+            )
             for types, shape in self.by_type.items()
         ]
         curves = [("singular", chain) for chain in self.singular] + list(self.flat.items())
@@ -189,7 +192,8 @@ def summary(found: Accessibility) -> dict[str, float | int | bool | str]:
     if found.by_count:
         x0, y0, x1, y1 = union([region.polygon for region in found.regions if region.count]).bounds
         numbers |= {"smallest x [m]": x0, "largest x [m]": x1, "smallest y [m]": y0, "largest y [m]": y1}
-    for what, points in (("cusp", found.cusps), ("node", found.nodes)):
+    critical: list[tuple[str, Sequence[Cusp | Node]]] = [("cusp", found.cusps), ("node", found.nodes)]
+    for what, points in critical:
         numbers[f"{what}s"] = len(points)
         for k, point in enumerate(points):
             numbers[f"{what} {k + 1} [m]"] = f"({point.tip[0]:.12f}, {point.tip[1]:.12f})"
@@ -295,8 +299,8 @@ def accessibility(mechanism: TwoX, resolution: int = 256, tolerance: float = 1e-
         if not design.a:  # without offsets it also meets the self-motion, at the base
             others += [2 * PI - angle, -2 * PI - angle]
         others = [s for s in others if low[1 - i] <= s <= high[1 - i]]
-        points = np.concatenate([points, *([[angle, s] if i == 0 else [s, angle]] for s in others)])
-        line = straight_line(mechanism, *ends, points, tolerance)
+        crossed = np.array([(angle, s) if i == 0 else (s, angle) for s in others]).reshape(-1, 2)
+        line = straight_line(mechanism, ends[0], ends[1], np.concatenate([points, crossed]), tolerance)
         if name == "limit":
             limits.append(line)
         else:

@@ -8,7 +8,7 @@ with a constant number of preimages.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
@@ -82,7 +82,8 @@ def chord_area(points: np.ndarray) -> tuple[float, float]:
     return float(triangles[smooth].sum()) / 6, float(np.abs(triangles[smooth]).sum()) / 6
 
 
-class Face(NamedTuple):
+@dataclass(frozen=True)
+class Face:
     """A piece of the plane whose points have the same number of preimages on each sheet."""
 
     polygon: shapely.Polygon

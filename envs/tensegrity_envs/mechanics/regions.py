@@ -1,11 +1,12 @@
 """Regions of a plane given by continuous margins: slices, boundary curves as closed polygons, components, areas.
 
-Nothing here knows a mechanism. A `Region` is the part of a box in which several margins are positive; its plane may be a
-joint space, a space of inputs, or any other. The boundary is not read off a grid: the grid only tells the topology.
+Nothing here knows a mechanism. A `Region` is the part of a box in which several margins are positive; its plane may be
+a joint space, a space of inputs, or any other. The boundary is not read off a grid: the grid only tells the topology.
 Every vertex is a root of the condition that is active there, every corner a common root of two of them, and the
 curves between are refined until their chords are as close as asked.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -422,7 +423,7 @@ def _outlines(margin: np.ndarray) -> tuple[list[np.ndarray], list[int]]:
     shape = []
     filled = contour_generator(z=signs, fill_type=FillType.OuterOffset).filled(0.0, 2.0)
     for points, offsets in zip(*filled, strict=True):
-        pieces = [np.asarray(points[i:j])[:-1] - 1.0 for i, j in zip(offsets[:-1], offsets[1:], strict=True)]
+        pieces = [np.asarray(points[i:j])[:-1] - 1.0 for i, j in itertools.pairwise(offsets)]
         shape.append(len(pieces))
         rings += pieces
     return rings, shape
@@ -501,6 +502,8 @@ def _add_corners(region: Region, curves: _Curves, cell: float) -> None:
     h = 1e-6 * cell
     for _ in range(_NEWTON):
         value = both(q)
+        if np.abs(value).max() < 1e-14:
+            break
         columns = [(both(q + h * e) - both(q - h * e)) / (2 * h) for e in np.eye(2)]
         (d11, d21), (d12, d22) = columns[0].T, columns[1].T
         det = d11 * d22 - d12 * d21
@@ -509,6 +512,9 @@ def _add_corners(region: Region, curves: _Curves, cell: float) -> None:
         step = step / det[:, None]
         length = np.hypot(*step.T)
         q = q - step * np.minimum(1.0, cell / np.maximum(length, 1e-300))[:, None]
+        near = np.hypot(*(q - start).T) < 20 * cell
+        if length[near].max(initial=0.0) < 1e-10 * cell:
+            break
     value, least = both(q), region.margin(q[:, 0], q[:, 1])
     inside = np.all((q >= np.array(region.lower)) & (q <= np.array(region.upper)), axis=1)
     good = (np.abs(value).max(axis=1) < _RESIDUAL) & (least > -_RESIDUAL) & inside
@@ -582,6 +588,8 @@ def _onto_curve(
         better = np.abs(f2) <= np.abs(f1)
         t0, f0 = np.where(better, t1, t0), np.where(better, f1, f0)
         t1, f1 = np.where(better, t2, t1), np.where(better, f2, f1)
+        if (np.abs(t1 - t0) < 1e-9 * length).all():  # the error is of the order of the last two steps' product
+            break
     _, least = values(t1)
     straight = condition == edge
     good = straight | ((np.abs(f1) < _RESIDUAL) & (least > -_RESIDUAL) & (np.abs(t1) < 0.39 * length))

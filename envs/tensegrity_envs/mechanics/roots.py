@@ -28,6 +28,7 @@ def bracketed_roots(
         return a
     fa, fb = f(a), f(b)
     c, fc = a, fa
+    enough = 1e-15 * (np.abs(fa) + np.abs(fb))  # what rounding leaves of f
     t = np.full(len(a), 0.5)
     for _ in range(iterations):
         x = a + t * (b - a)
@@ -39,7 +40,7 @@ def bracketed_roots(
         best = np.where(np.abs(fa) < np.abs(fb), a, b)
         width = np.abs(b - a)
         tolerance = 2 * np.finfo(float).eps * np.abs(best) + 1e-300
-        if ((width <= 2 * tolerance) | (fa == 0) | (fb == 0)).all():
+        if ((width <= 2 * tolerance) | (np.minimum(np.abs(fa), np.abs(fb)) <= enough)).all():
             break
         with np.errstate(all="ignore"):
             xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)

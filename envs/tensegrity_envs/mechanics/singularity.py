@@ -1,4 +1,4 @@
-"""Singularities of planar mechanisms: singular curves, their cusps and nodes, aspects, and changes of posture that avoid them.
+"""Singularities of planar mechanisms: curves, cusps and nodes, aspects, and changes of posture that avoid them.
 
 A mechanism is anything with `tip`, `jacobian` and `singularity` on components (q1, q2). Its singular curves are where
 det J = 0; their images bound the regions of the workspace with a constant number of inverse solutions. Such an image
@@ -234,9 +234,8 @@ class _Grid:
 
 
 def _grid(f: Scalar, limit: float, period: float | None, resolution: int) -> _Grid:
-    if period is None:
-        axis = np.linspace(-limit, limit, resolution)
-    else:
+    axis: np.ndarray = np.linspace(-limit, limit, resolution)
+    if period is not None:
         axis = -period / 2 + period / resolution * (np.arange(resolution) + 0.5)
     values = np.asarray(f((axis[:, None] + 0 * axis, axis + 0 * axis[:, None])))
     # Largest second derivative in any direction, from differences at the nodes; a quarter more for what lies between.
@@ -329,7 +328,7 @@ def posture_change(
 ) -> PosturePath:
     """A path from start to goal that never meets det J = 0.
 
-    The cheapest path on a grid of the joint space, where closeness to a singularity costs, shortened where that is safe.
+    The cheapest path on a grid of the joint space, where being close to a singularity costs; shortened where safe.
     Every piece of it is checked with a bound of det J's second derivatives (from samples, with a margin of a quarter):
     between its ends det J cannot reach zero.
 
@@ -342,8 +341,8 @@ def posture_change(
         resolution: of the grid along each angle.
 
     Raises:
-        ValueError: start or goal is singular or outside the limits, or they are in different aspects (or the way between
-            them is narrower than the grid can see).
+        ValueError: start or goal is singular or outside the limits, or they are in different aspects (or the way
+            between them is narrower than the grid can see).
     """
     f = mechanism.singularity
     ends = [np.array(start, float), np.array(goal, float)]
@@ -370,16 +369,16 @@ def posture_change(
     first, second, length = first[up], second[up], length[up]
     wanted = 0.1 * flat.max()
     cost = length * (1 + wanted / flat[first] + wanted / flat[second])
-    nodes_at = [_nearest(height, lead[-1], grid) for lead in leads]
-    if any(node is None for node in nodes_at):
+    first_node, last_node = (_nearest(height, lead[-1], grid) for lead in leads)
+    if first_node is None or last_node is None:
         raise ValueError("start or goal lies in a pocket between singularities that the grid cannot see: refine it")
     graph = coo_array((cost, (first, second)), shape=(flat.size, flat.size)).tocsr()
-    distance, before = dijkstra(graph, directed=False, indices=nodes_at[0], return_predecessors=True)
-    if not np.isfinite(distance[nodes_at[1]]):
+    distance, before = dijkstra(graph, directed=False, indices=np.array([first_node]), return_predecessors=True)
+    if not np.isfinite(distance[0, last_node]):
         raise ValueError("start and goal are in different aspects: no way between them without a singularity was found")
-    way = [nodes_at[1]]
-    while way[-1] != nodes_at[0]:
-        way.append(int(before[way[-1]]))
+    way = [last_node]
+    while way[-1] != first_node:
+        way.append(int(before[0, way[-1]]))
     n = resolution
     middle = np.array([[grid.axes[0][k // n], grid.axes[1][k % n]] for k in reversed(way)])
     points = np.concatenate([leads[0], middle, leads[1][::-1]])
@@ -439,12 +438,12 @@ def _nearest(f: Scalar, q: np.ndarray, grid: _Grid) -> int | None:
             continue
         node = np.array([grid.axes[0][0] + i * grid.steps[0], grid.axes[1][0] + j * grid.steps[1]])
         if grid.values[i % n, j % n] > 0 and is_free(f, q, node, grid.curvature):
-            return (i % n) * n + j % n
+            return int((i % n) * n + j % n)
     return None
 
 
 def _shorten(f: Scalar, points: np.ndarray, curvature: float) -> np.ndarray:
-    """Straight lines instead of detours, where f stays above half of what it was on the detour (or its largest tenth)."""
+    """Straight lines instead of detours, where f stays above half of its least value there (or its largest tenth)."""
     height = np.asarray(f(_components(points)))
     top = 0.1 * float(height.max())
     kept, i = [0], 0

@@ -23,7 +23,10 @@ class CableDriven(Protocol):
     """What a mechanism needs here: `TwoX`, and any other with two joint angles, a tip and stiffest tensions."""
 
     design: Any
-    input_names: tuple[str, ...]
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the cables."""
 
     @property
     def reach(self) -> Any:
@@ -63,7 +66,7 @@ def stable_wrench_feasible_joint_space(
     if limit is None:
         limit = min(float(mechanism.design.joint_limit), CLIP)
     if not 0 < limit < math.pi:
-        raise ValueError(f"limit = {limit!r}: must be in (0, pi); at pi the joints are flat and no cable has a moment arm")
+        raise ValueError(f"limit = {limit!r}: must be in (0, pi); at pi no cable has a moment arm")
     if sheet not in (-1, 0, 1):
         raise ValueError(f"sheet = {sheet!r}: must be 1 or -1, the sign of det J, or 0 for both")
     low, high = float(mechanism.design.min_tension), float(mechanism.design.max_tension)
@@ -111,6 +114,40 @@ def stable_wrench_feasible_workspace(
         for name, sign in SHEETS.items()
     }
     return image(sheets, mechanism.tip)
+
+
+class Size(NamedTuple):
+    """How large a stable wrench-feasible set is.
+
+    Attributes:
+        fraction: of the square |alpha_i| <= limit that the SWFJ covers.
+        area: of the SWFW [m2].
+        overlap: area that is reached in two configurations or more [m2].
+    """
+
+    fraction: float
+    area: float
+    overlap: float
+
+
+def stable_wrench_feasible_size(
+    mechanism: CableDriven, limit: float | None = None, resolution: int = 128, tolerance: float = 1e-4
+) -> Size:
+    """Fraction and areas to about 1e-3 and fast, for searching among many designs.
+
+    Args:
+        mechanism: of one design.
+        limit: see `stable_wrench_feasible_joint_space`.
+        resolution, tolerance: see `Region.trace`; the grid is made finer once at most.
+    """
+    sheets = {
+        name: stable_wrench_feasible_joint_space(mechanism, limit, sign).trace(
+            resolution, tolerance, mechanism.tip, finest=2 * resolution
+        )
+        for name, sign in SHEETS.items()
+    }
+    found = image(sheets, mechanism.tip, precision=1e-7)
+    return Size(sum(sheet.fraction for sheet in sheets.values()), found.area(), found.overlap)
 
 
 class Cloud(NamedTuple):
