@@ -19,6 +19,7 @@ check: .venv/installed
 
 bench: .venv/installed
 	$(BIN)/python scripts/benchmark.py
+	$(BIN)/python tests/mechanics/benchmark_workspace.py
 
 install: .venv/installed
 

@@ -1,4 +1,4 @@
-"""Every row of tests/data/two_x.json that concerns the mechanics; those of the workspace analysis are listed by id."""
+"""Every row of tests/data/two_x.json that concerns the mechanics; the workspace analysis has its own file."""
 
 import json
 import math
@@ -14,7 +14,7 @@ from tensegrity_envs.mechanics import FURET2018, MURALIDHARAN2022, TwoX
 from tensegrity_envs.mechanics.two_x import furet_quartic
 
 ROWS = {row["id"]: row for row in json.loads((Path(__file__).parents[1] / "data" / "two_x.json").read_text())["rows"]}
-# Areas, boundaries, cusps and polynomial degrees belong to the workspace analysis.
+# Areas, boundaries, cusps and polynomial degrees: test_two_x_workspace_rows.py.
 WORKSPACE_ROWS = {
     "F_limits_areas",
     "F_cusp_b1/2",

@@ -1,0 +1,297 @@
+"""Analyses of mechanisms: figures, regions as GeoJSON, numbers and a page for browsing, one folder per design.
+
+`ANALYSES` is the table of mechanisms that can be analysed; a new one is one more row.
+"""
+
+import csv
+import dataclasses
+import json
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from matplotlib.figure import Figure
+
+from tensegrity_agents.reporting import analysis_two_x as draw
+from tensegrity_agents.reporting.analysis_page import write_page
+from tensegrity_agents.reporting.figures import save
+from tensegrity_envs.mechanics import accessibility, workspace
+from tensegrity_envs.mechanics.overlay import closed, feature_collection
+from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022, TwoX, TwoXDesign
+
+Progress = Callable[[str, int, int, str], None]
+Numbers = dict[str, float | int | bool | str]
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """One mechanism's analysis.
+
+    Attributes:
+        what: it computes, in words.
+        designs: named designs; more can be given as YAML files.
+        default: names of designs that are analysed if none is given, with their changed fields.
+        run: (designs by folder name, output folder, progress) -> numbers by folder name.
+    """
+
+    what: str
+    designs: Mapping[str, Callable[[], Any]]
+    default: tuple[str, ...]
+    run: Callable[[Mapping[str, Any], Path, Progress], dict[str, Numbers]]
+
+
+def parse_design(text: str, named: Mapping[str, Callable[[], Any]]) -> tuple[str, Any]:
+    """A design from "name,field=value,...", or "file.yaml,field=value,..." with the design's fields in the file.
+
+    Args:
+        text: such as "muralidharan2022,payload=0.5".
+        named: designs by name.
+
+    Returns:
+        A name for its folder, and the design.
+
+    Raises:
+        ValueError: unknown name or field, a value that is not a number, or a design that is not valid.
+    """
+    first, *changes = (part.strip() for part in text.split(","))
+    base = next(iter(named.values()))()
+    fields = {field.name for field in dataclasses.fields(base)}
+    values: dict[str, Any] = {}
+    if first.endswith((".yaml", ".yml")):
+        try:
+            content = yaml.safe_load(Path(first).read_text())
+        except (OSError, yaml.YAMLError) as error:
+            raise ValueError(f"--design {text}: cannot read {first}: {error}") from error
+        if not isinstance(content, dict):
+            raise ValueError(f"--design {text}: {first} must hold the fields of a design, such as 'b: 0.05'")
+        values |= content
+    elif first in named:
+        base = named[first]()
+    else:
+        raise ValueError(f"--design {text}: must begin with one of {', '.join(named)}, or with the name of a YAML file")
+    for change in changes:
+        name, _, value = change.partition("=")
+        try:
+            values[name.strip()] = float(value)
+        except ValueError:
+            raise ValueError(f"--design {text}: {change!r} must be field=number") from None
+    if unknown := sorted(str(name) for name in values if name not in fields):
+        raise ValueError(f"--design {text}: unknown {', '.join(unknown)}; the fields are {', '.join(sorted(fields))}")
+    try:
+        design = replace(base, **values)
+    except TypeError as error:
+        raise ValueError(f"--design {text}: {error}") from error
+    stem = Path(first).stem if first not in named else first
+    return re.sub(r"[^A-Za-z0-9_.=-]+", "_", "_".join([stem, *changes])), design
+
+
+def analyze(mechanism: str, designs: Sequence[str], out: Path, progress: Progress) -> dict[str, Numbers]:
+    """Analyse designs of a mechanism and write everything to `out`, a folder for each design.
+
+    Args:
+        mechanism: a key of `ANALYSES`.
+        designs: see `parse_design`; none for the mechanism's published ones.
+        out: folder, made if it is missing.
+        progress: (what, done, total, remark).
+
+    Returns:
+        Numbers of each design.
+
+    Raises:
+        ValueError: unknown mechanism, or see `parse_design`.
+    """
+    if mechanism not in ANALYSES:
+        raise ValueError(f"unknown mechanism {mechanism!r}: there are analyses of {', '.join(ANALYSES)}")
+    chosen = ANALYSES[mechanism]
+    parsed = dict(parse_design(text, chosen.designs) for text in (designs or chosen.default))
+    numbers = chosen.run(parsed, out, progress)
+    for name, table in numbers.items():
+        _write_numbers(table, out / name)
+    return numbers
+
+
+def _write_numbers(table: Numbers, folder: Path) -> None:
+    with (folder / "numbers.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["quantity", "value"])
+        writer.writerows(table.items())
+    lines = ["| quantity | value |", "|---|---:|", *(f"| {name} | {as_text(value)} |" for name, value in table.items())]
+    (folder / "numbers.md").write_text("\n".join(lines) + "\n")
+
+
+def as_text(value: float | int | bool | str) -> str:
+    """A number for a table: seven digits."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.7g}" if isinstance(value, float) else str(value)
+
+
+def _write_geojson(features: Sequence[Mapping[str, Any]], path: Path, **properties: Any) -> None:
+    path.write_text(json.dumps(feature_collection(features, **properties)))
+
+
+class _Steps:
+    """Progress of one design, a step at a time."""
+
+    def __init__(self, name: str, total: int, progress: Progress) -> None:
+        self.name, self.total, self.progress, self.done = name, total, progress, 0
+
+    def __call__(self, remark: str) -> None:
+        self.progress(self.name, self.done, self.total, remark)
+        self.done += 1
+
+    def finish(self) -> None:
+        self.progress(self.name, self.total, self.total, "done")
+
+
+def _analyze_two_x(designs: Mapping[str, TwoXDesign], out: Path, progress: Progress) -> dict[str, Numbers]:
+    numbers: dict[str, Numbers] = {}
+    plain: dict[str, accessibility.Accessibility] = {}
+    for name, design in designs.items():
+        folder = out / name
+        folder.mkdir(parents=True, exist_ok=True)
+        mechanism = TwoX(design)
+        loaded = any((design.k1, design.k2, design.payload, design.bar_density))  # else purely kinematic
+        bare = not design.a or not loaded
+        step = _Steps(name, 6 * loaded + 5 * bare, progress)
+        numbers[name] = {}
+        if loaded:
+            numbers[name] |= _stable_set(mechanism, name, folder, step)
+        if bare:
+            limit = 2 * math.pi if not design.a else math.pi
+            kinematic = TwoX(replace(design, joint_limit=min(design.joint_limit, limit)))
+            plain[name] = _accessibility(kinematic, folder, step)
+            numbers[name] |= accessibility.summary(plain[name])
+            if not loaded:
+                _page_of_solutions(plain[name], folder, name)
+        step.finish()
+    if plain:
+        titles = {f"L = {a.mechanism.design.l:g}, b = {a.mechanism.design.b:.4g}": a for a in plain.values()}
+        save(draw.workspace_boundaries(titles), out / "furet_fig3_boundaries")
+    return numbers
+
+
+def _stable_set(mechanism: TwoX, name: str, folder: Path, step: Callable[[str], None]) -> Numbers:
+    step("stable wrench-feasible joint space")
+    region = workspace.stable_wrench_feasible_joint_space(mechanism)
+    traced = region.trace()
+    cloud = workspace.boundary_cloud(mechanism)
+    step("workspace")
+    found = workspace.stable_wrench_feasible_workspace(mechanism)
+    step("slice")
+    intervals = region.slices(1, 0.0)[0]
+    step("figures")
+    figures: dict[str, Figure] = {
+        "muralidharan_fig3_boundary_points": draw.boundary_scan(mechanism, intervals, 0.0, cloud),
+        "muralidharan_fig4_swfj_swfw": draw.stable_sets(mechanism, cloud, traced, found),
+        "active_conditions": draw.active_conditions(mechanism, traced, found),
+    }
+    for stem, figure in figures.items():
+        save(figure, folder / stem)
+    step("regions")
+    _write_geojson(traced.to_features(), folder / "swfj.geojson", coordinates="alpha_1, alpha_2 [rad]")
+    _write_geojson(found.to_features(), folder / "swfw.geojson", coordinates="x, y [m]")
+    step("table")
+    with (folder / "boundary_points.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["alpha_1", "alpha_2", "x", "y", "condition", "fixed angle", "det J"])
+        rows = zip(cloud.points, cloud.tips, cloud.conditions, cloud.fixed, cloud.determinant, strict=True)
+        writer.writerows([*q.tolist(), *p.tolist(), what, int(k) + 1, float(d)] for q, p, what, k, d in rows)
+    sheets = [closed(ring) for sheet in found.sheets for ring in sheet.rings]
+    folds = [closed(ring.points) for ring in found.sheets[0].source.rings]
+    edges = [closed(ring.points) for ring in traced.rings]
+    write_page(
+        folder / "browse.html",
+        f"Stable wrench-feasible workspace: {name}",
+        mechanism,
+        found.regions,
+        {"boundary": sheets},
+        {"singular": folds, "boundary": edges},
+        region.upper[0],
+        region,
+    )
+    table: Numbers = dict(workspace.summary(traced, found))
+    for k, interval in enumerate(intervals):
+        text = f"[{interval.low:.12f} ({interval.low_condition}), {interval.high:.12f} ({interval.high_condition})]"
+        table[f"alpha_1 on the slice alpha_2 = 0, interval {k + 1} [rad]"] = text
+    return table
+
+
+def _accessibility(mechanism: TwoX, folder: Path, step: Callable[[str], None]) -> accessibility.Accessibility:
+    step("regions by inverse solutions")
+    found = accessibility.accessibility(mechanism)
+    _write_geojson(found.to_features(), folder / "accessibility.geojson", coordinates="x, y [m]")
+    step("inverse solutions")
+    target = _showpiece(found)
+    solutions = mechanism.inverse_kinematics(*target)
+    save(draw.inverse_solutions(mechanism, solutions, target), folder / "furet_fig4_inverse_solutions")
+    step("figures")
+    save(draw.regions_by_type(found), folder / "furet_fig6_regions_by_type")
+    step("joint limits")
+    narrow = min(float(mechanism.design.joint_limit), 2 * math.pi / 3)  # theta within pi / 3, as in the paper
+    limited = accessibility.accessibility(TwoX(replace(mechanism.design, joint_limit=narrow)))
+    save(draw.joint_limited(limited), folder / "furet_fig7_joint_limits")
+    _write_geojson(limited.to_features(), folder / "joint_limits.geojson", coordinates="x, y [m]")
+    step("posture change")
+    if not mechanism.design.a:
+        for pair in accessibility.posture_pairs(mechanism, *target):
+            try:
+                path = accessibility.posture_change(mechanism, *pair)
+            except ValueError:
+                continue  # within joint limits two solutions of one sign may be in different aspects
+            figure = draw.posture_change(found, path, accessibility.aspects(mechanism), pair[1])
+            save(figure, folder / "posture_change")
+            np.savetxt(
+                folder / "posture_change.csv",
+                np.column_stack([path.configurations, path.tips, path.singularity]),
+                delimiter=",",
+                header="alpha_1,alpha_2,x,y,det J",
+                comments="",
+            )
+            break
+    return found
+
+
+def _page_of_solutions(found: accessibility.Accessibility, folder: Path, name: str) -> None:
+    m = found.mechanism
+    pieces = [
+        piece for chain in found.singular for piece in (accessibility.wrapped(chain) if not found.limits else [chain])
+    ]
+    curves = {"flat": list(found.flat.values()), "limit": list(found.limits), "singular": list(found.singular)}
+    write_page(
+        folder / "browse.html",
+        f"Inverse solutions: {name}",
+        m,
+        found.by_count,
+        {kind: [accessibility.tip_curve(m, chain) for chain in chains] for kind, chains in curves.items()},
+        {"singular": pieces},
+        float(m.design.joint_limit),
+    )
+
+
+def _showpiece(found: accessibility.Accessibility) -> tuple[float, float]:
+    """A tip position with as many inverse solutions as there are: the paper's (0, L) where it has them."""
+    l = float(found.mechanism.design.l)
+    if not found.by_count:
+        return 0.0, l
+    most = max(found.by_count)
+    if most == len(found.mechanism.inverse_kinematics(0.0, l)):
+        return 0.0, l
+    part = max(found.parts(most), key=lambda polygon: polygon.centroid.y)
+    point = part.representative_point()
+    return float(point.x), float(point.y)
+
+
+ANALYSES: dict[str, Analysis] = {
+    "two-x": Analysis(
+        "stable wrench-feasible set; without offsets also regions by inverse solutions, cusps, posture changes",
+        {"muralidharan2022": lambda: MURALIDHARAN2022, "furet2018": lambda: FURET2018(2 / 3)},
+        ("muralidharan2022", "furet2018,b=0.4", "furet2018,b=0.6666666666666666", "furet2018,b=0.9"),
+        _analyze_two_x,
+    ),
+}

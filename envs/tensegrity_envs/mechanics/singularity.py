@@ -1,0 +1,459 @@
+"""Singularities of planar mechanisms: curves, cusps and nodes, aspects, and changes of posture that avoid them.
+
+A mechanism is anything with `tip`, `jacobian` and `singularity` on components (q1, q2). Its singular curves are where
+det J = 0; their images bound the regions of the workspace with a constant number of inverse solutions. Such an image
+turns back at a *cusp*, where three inverse solutions meet, and crosses itself at a *node*, where two pairs do. An
+*aspect* is a connected set of configurations without a singularity; a mechanism is *cuspidal* if two inverse solutions
+of one point lie in one aspect, so that it can change its posture without meeting a singularity [Furet2018, section 4].
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from tensegrity_envs.mechanics.namespace import Component
+from tensegrity_envs.mechanics.overlay import winding_numbers
+from tensegrity_envs.mechanics.regions import Map, Region
+
+Scalar = Callable[[Any], Any]  # (q1, q2) -> value, elementwise
+Box = tuple[tuple[float, float], tuple[float, float]]
+
+_STENCIL = 2e-3  # [rad] five-point differences: their truncation and rounding errors are both about 1e-13
+_NEWTON = 40
+
+
+class Planar(Protocol):
+    """What a mechanism needs here."""
+
+    @property
+    def reach(self) -> Any:
+        """An upper bound of the tip's distance from the base [m]."""
+
+    def tip(self, q: Any) -> tuple[Component, Component]:
+        """Tip position [m]."""
+
+    def jacobian(self, q: Any) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
+        """d tip / d q."""
+
+    def singularity(self, q: Any) -> Component:
+        """det J."""
+
+
+class Cusp(NamedTuple):
+    """A point where the image of a singular curve turns back: three inverse solutions meet in one configuration."""
+
+    tip: tuple[float, float]
+    configuration: tuple[float, float]
+
+
+class Node(NamedTuple):
+    """A point where the image of a singular curve crosses itself: two pairs of inverse solutions meet."""
+
+    tip: tuple[float, float]
+    configurations: tuple[tuple[float, float], tuple[float, float]]
+
+
+def gradient(f: Scalar, q: np.ndarray) -> np.ndarray:
+    """Gradient of f at configurations of shape (..., 2) by five-point differences, error about 1e-12."""
+    found = np.empty(q.shape)
+    for k in (0, 1):
+        step = _STENCIL * np.eye(2)[k]
+        near = np.asarray(f(_components(q + step))) - np.asarray(f(_components(q - step)))
+        far = np.asarray(f(_components(q + 2 * step))) - np.asarray(f(_components(q - 2 * step)))
+        found[..., k] = (8 * near - far) / (12 * _STENCIL)
+    return found
+
+
+def _components(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return q[..., 0], q[..., 1]
+
+
+def zero_curves(
+    f: Scalar, box: Box, image: Map | None = None, resolution: int = 256, tolerance: float = 1e-6
+) -> list[np.ndarray]:
+    """The curves f = 0 in a box as chains of points on them; a closed one ends with its first point.
+
+    Args:
+        f: with simple zeros (it changes sign across its curves, and they do not cross).
+        box: its lower and its upper corner.
+        image, resolution, tolerance: see `Region.trace`.
+    """
+    traced = Region(lambda q1, q2: (f((q1, q2)),), ("f",), *box).trace(resolution, tolerance, image)
+    chains = []
+    for ring in traced.rings:
+        on_curve = ring.conditions == 0
+        if on_curve.all():
+            chains.append(np.concatenate([ring.points, ring.points[:1]]))
+            continue
+        start = int(np.flatnonzero(~on_curve)[0]) + 1  # begin behind a segment of the box's edge
+        points, segments = np.roll(ring.points, -start, axis=0), np.roll(on_curve, -start)
+        for used, group in itertools.groupby(range(len(segments)), key=lambda i: bool(segments[i])):
+            if used:
+                run = list(group)
+                chains.append(points[[*run, (run[-1] + 1) % len(points)]])
+    return chains
+
+
+def cusps(mechanism: Planar, curves: Sequence[np.ndarray], f: Scalar | None = None) -> list[Cusp]:
+    """The cusps of the images of singular curves, each to about 1e-11, sorted by tip.
+
+    Args:
+        mechanism: whose tip is the map.
+        curves: from `zero_curves`.
+        f: the function that is zero on them, by default det J; a factor of it where det J has several.
+    """
+    f = f or mechanism.singularity
+    starts, directions = [], []
+    for curve in curves:
+        step = np.diff(np.stack(mechanism.tip(_components(curve)), axis=1), axis=0)
+        if len(step) > 2 and (curve[0] == curve[-1]).all():
+            step = np.concatenate([step, step[:1]])
+        turn = np.flatnonzero((step[1:] * step[:-1]).sum(axis=1) < 0)
+        for i in turn:
+            starts.append(curve[(i + 1) % (len(curve) - 1)])
+            directions.append(step[i] - step[i + 1])
+    if not starts:
+        return []
+    q, direction = np.array(starts), np.array(directions)
+    direction /= np.hypot(*direction.T)[:, None]
+
+    def conditions(points: np.ndarray) -> np.ndarray:
+        """f, and how fast the image moves along the curve; both zero at a cusp."""
+        slope = gradient(f, points)
+        (xa, xb), (ya, yb) = mechanism.jacobian(_components(points))
+        along_x, along_y = xb * slope[:, 0] - xa * slope[:, 1], yb * slope[:, 0] - ya * slope[:, 1]
+        return np.stack([np.asarray(f(_components(points))), direction[:, 0] * along_x + direction[:, 1] * along_y], 1)
+
+    q, good = _newton(conditions, q, longest=0.05)
+    found: list[Cusp] = []
+    for point in q[good]:
+        configuration = (float(point[0]), float(point[1]))
+        x, y = mechanism.tip(configuration)
+        if not any(math.hypot(x - c.tip[0], y - c.tip[1]) < 1e-7 * mechanism.reach for c in found):
+            found.append(Cusp((float(x), float(y)), configuration))
+    return sorted(found)
+
+
+def nodes(mechanism: Planar, curves: Sequence[np.ndarray], f: Scalar | None = None) -> list[Node]:
+    """Where the images of singular curves cross themselves or one another, each to about 1e-11, sorted by tip.
+
+    Args:
+        mechanism, curves, f: see `cusps`.
+    """
+    f = f or mechanism.singularity
+    if not curves:
+        return []
+    begin, end = (np.concatenate([curve[part] for curve in curves]) for part in (slice(None, -1), slice(1, None)))
+    a, b = (np.stack(mechanism.tip(_components(points)), axis=1) for points in (begin, end))
+    segments = shapely.linestrings(np.stack([a, b], axis=1))
+    first, second = shapely.STRtree(segments).query(segments, predicate="intersects")
+    # Neighbours touch at their common point; a self-motion is mapped to a point, where everything meets.
+    apart = np.hypot(*(begin[first] - begin[second]).T) > 1e-2
+    first, second = first[apart & (first < second)], second[apart & (first < second)]
+    if not len(first):
+        return []
+
+    def conditions(points: np.ndarray) -> np.ndarray:
+        p, q = points[:, :2], points[:, 2:]
+        (px, py), (qx, qy) = mechanism.tip(_components(p)), mechanism.tip(_components(q))
+        return np.stack([px - qx, py - qy, np.asarray(f(_components(p))), np.asarray(f(_components(q)))], axis=1)
+
+    q, good = _newton(conditions, np.concatenate([begin[first], begin[second]], axis=1), longest=0.05)
+    found: list[Node] = []
+    for point in q[good]:
+        p1, p2 = (float(point[0]), float(point[1])), (float(point[2]), float(point[3]))
+        x, y = mechanism.tip(p1)
+        same = math.hypot(p1[0] - p2[0], p1[1] - p2[1]) < 1e-3
+        if not same and not any(math.hypot(x - n.tip[0], y - n.tip[1]) < 1e-7 * mechanism.reach for n in found):
+            found.append(Node((float(x), float(y)), (min(p1, p2), max(p1, p2))))
+    return sorted(found)
+
+
+def _newton(f: Callable[[np.ndarray], np.ndarray], q: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Newton's method for many starting points, shape (n, d); the points, and whether each converged nearby."""
+    start, h = q.copy(), 1e-5
+    length = np.full(len(q), np.inf)
+    for _ in range(_NEWTON):
+        value = f(q)
+        slope = np.stack([(f(q + h * e) - f(q - h * e)) / (2 * h) for e in np.eye(q.shape[1])], axis=2)
+        step = np.stack([np.linalg.lstsq(s, v, rcond=1e-12)[0] for s, v in zip(slope, value, strict=True)])
+        length = np.linalg.norm(step, axis=1)
+        q = q - step * np.minimum(1.0, longest / np.maximum(length, 1e-300))[:, None]
+        if length.max() < 1e-13:
+            break
+    near = np.linalg.norm(q - start, axis=1) < 4 * longest
+    return q, near & (length < 1e-9) & (np.abs(f(q)).max(axis=1) < 1e-9)
+
+
+# ------------------------------------------------------------------------------------------- aspects, posture changes
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Nodes of a joint space, which of them may be joined, and f there.
+
+    Two neighbours are joined only where f provably keeps its sign between them: on a segment of length d it cannot fall
+    below the smaller end value by more than `curvature` d^2 / 8.
+    """
+
+    axes: tuple[np.ndarray, np.ndarray]
+    values: np.ndarray
+    curvature: float
+    period: float | None
+
+    @property
+    def steps(self) -> tuple[float, float]:
+        return self.axes[0][1] - self.axes[0][0], self.axes[1][1] - self.axes[1][0]
+
+    def edges(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """First and second node of every safe edge (flat indices), and its length."""
+        n1, n2 = self.values.shape
+        index = np.arange(n1 * n2).reshape(n1, n2)
+        h1, h2 = self.steps
+        found = []
+        for i, j in ((1, 0), (0, 1), (1, 1), (1, -1)):
+            other = np.roll(index, (-i, -j), axis=(0, 1))
+            length = math.hypot(i * h1, j * h2)
+            v, w = self.values, self.values.ravel()[other]
+            good = (np.sign(v) == np.sign(w)) & (np.minimum(np.abs(v), np.abs(w)) > self.curvature * length**2 / 8)
+            if self.period is None:
+                if i:
+                    good[-1:, :] = False
+                if j:
+                    good[:, -1 if j > 0 else 0] = False
+            found.append((index[good], other[good], np.full(int(good.sum()), length)))
+        first, second, lengths = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return first, second, lengths
+
+
+def _grid(f: Scalar, limit: float, period: float | None, resolution: int) -> _Grid:
+    axis: np.ndarray = np.linspace(-limit, limit, resolution)
+    if period is not None:
+        axis = -period / 2 + period / resolution * (np.arange(resolution) + 0.5)
+    values = np.asarray(f((axis[:, None] + 0 * axis, axis + 0 * axis[:, None])))
+    # Largest second derivative in any direction, from differences at the nodes; a quarter more for what lies between.
+    h = 1e-3
+    q1, q2 = np.meshgrid(axis, axis, indexing="ij")
+    d11 = (np.asarray(f((q1 + h, q2))) - 2 * values + np.asarray(f((q1 - h, q2)))) / h**2
+    d22 = (np.asarray(f((q1, q2 + h))) - 2 * values + np.asarray(f((q1, q2 - h)))) / h**2
+    corners = [np.asarray(f((q1 + i * h, q2 + j * h))) * i * j for i in (1, -1) for j in (1, -1)]
+    d12 = sum(corners) / (4 * h**2)
+    curvature = 1.25 * float((np.abs(d11 + d22) / 2 + np.hypot((d11 - d22) / 2, d12)).max())
+    return _Grid((axis, axis), values, curvature, period)
+
+
+@dataclass(frozen=True)
+class Aspects:
+    """Connected sets of configurations without a singularity.
+
+    Attributes:
+        labels: shape (n, n), number of the aspect of each node of a grid of (q1, q2), -1 next to a singularity.
+        axes: of the grid.
+        signs: of det J in each aspect.
+        areas: of each aspect in joint space, from the grid [rad2].
+    """
+
+    labels: np.ndarray
+    axes: tuple[np.ndarray, np.ndarray]
+    signs: tuple[int, ...]
+    areas: tuple[float, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of aspects."""
+        return len(self.signs)
+
+
+def aspects(mechanism: Planar, limit: float, period: float | None = None, resolution: int = 400) -> Aspects:
+    """The aspects in the box |q_i| <= limit, or on the torus of the given period, largest first.
+
+    Aspects with less than a thousandth of the joint space are left out: next to a singularity the grid cannot tell.
+    """
+    grid = _grid(mechanism.singularity, limit, period, resolution)
+    first, second, _ = grid.edges()
+    n = grid.values.size
+    _, label = connected_components(coo_array((np.ones(len(first)), (first, second)), shape=(n, n)), directed=False)
+    sizes = np.bincount(label)
+    kept = [k for k in np.argsort(-sizes) if sizes[k] > n / 1000]
+    cell = float(grid.steps[0] * grid.steps[1])
+    renamed = np.full(len(sizes), -1)
+    renamed[kept] = np.arange(len(kept))
+    values = grid.values.ravel()
+    signs = tuple(int(np.sign(values[np.flatnonzero(label == k)[0]])) for k in kept)
+    return Aspects(
+        renamed[label].reshape(grid.values.shape), grid.axes, signs, tuple(float(sizes[k]) * cell for k in kept)
+    )
+
+
+@dataclass(frozen=True)
+class PosturePath:
+    """A path between two configurations of one aspect.
+
+    Attributes:
+        configurations: shape (n, 2) [rad], from the start; continuous, so that on a torus the last one may differ from
+            the goal by whole periods.
+        tips: shape (n, 2) [m].
+        singularity: det J along it, shape (n,), of one sign.
+    """
+
+    configurations: np.ndarray
+    tips: np.ndarray
+    singularity: np.ndarray
+
+    @property
+    def clearance(self) -> float:
+        """The smallest |det J| at its points."""
+        return float(np.abs(self.singularity).min())
+
+    def encircled(self, points: Sequence[tuple[float, float]]) -> list[int]:
+        """How often the tip runs around each point, counter-clockwise positive, if start and goal share their tip."""
+        return [int(n) for n in winding_numbers([self.tips[:-1]], np.array(points, float).reshape(-1, 2))]
+
+
+def posture_change(
+    mechanism: Planar,
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    limit: float,
+    period: float | None = None,
+    longest_step: float = 0.05,
+    resolution: int = 240,
+) -> PosturePath:
+    """A path from start to goal that never meets det J = 0.
+
+    The cheapest path on a grid of the joint space, where being close to a singularity costs; shortened where safe.
+    Every piece of it is checked with a bound of det J's second derivatives (from samples, with a margin of a quarter):
+    between its ends det J cannot reach zero.
+
+    Args:
+        mechanism: planar.
+        start, goal: configurations [rad]; mostly two inverse solutions of one tip position.
+        limit: |q_i| <= limit along the path [rad].
+        period: of the joint angles [rad] where they can turn full circle, instead of the limit.
+        longest_step: between neighbouring points of the path [rad], in each angle.
+        resolution: of the grid along each angle.
+
+    Raises:
+        ValueError: start or goal is singular or outside the limits, or they are in different aspects (or the way
+            between them is narrower than the grid can see).
+    """
+    f = mechanism.singularity
+    ends = [np.array(start, float), np.array(goal, float)]
+    values = [float(f((float(q[0]), float(q[1])))) for q in ends]
+    for name, q, value in zip(("start", "goal"), ends, values, strict=True):
+        if not np.isfinite(q).all():
+            raise ValueError(f"{name} = {tuple(q)}: must be finite numbers")
+        if period is None and np.abs(q).max() > limit:
+            raise ValueError(f"{name} = {tuple(q)}: outside the joint limit {limit:g}")
+        if abs(value) < 1e-12 * mechanism.reach**2:
+            raise ValueError(f"{name} = {tuple(q)}: singular, det J = {value:.1e}")
+    if values[0] * values[1] < 0:
+        raise ValueError(f"start and goal are in different aspects: det J is {values[0]:.3g} and {values[1]:.3g}")
+    sign = math.copysign(1.0, values[0])
+
+    def height(q: Any) -> Any:
+        return sign * f(q)
+
+    grid = _grid(height, limit, period, resolution)
+    leads = [_climb(height, q, grid) for q in ends]
+    first, second, length = grid.edges()
+    flat = grid.values.ravel()
+    up = (flat[first] > 0) & (flat[second] > 0)
+    first, second, length = first[up], second[up], length[up]
+    wanted = 0.1 * flat.max()
+    cost = length * (1 + wanted / flat[first] + wanted / flat[second])
+    first_node, last_node = (_nearest(height, lead[-1], grid) for lead in leads)
+    if first_node is None or last_node is None:
+        raise ValueError("start or goal lies in a pocket between singularities that the grid cannot see: refine it")
+    graph = coo_array((cost, (first, second)), shape=(flat.size, flat.size)).tocsr()
+    distance, before = dijkstra(graph, directed=False, indices=np.array([first_node]), return_predecessors=True)
+    if not np.isfinite(distance[0, last_node]):
+        raise ValueError("start and goal are in different aspects: no way between them without a singularity was found")
+    way = [last_node]
+    while way[-1] != first_node:
+        way.append(int(before[0, way[-1]]))
+    n = resolution
+    middle = np.array([[grid.axes[0][k // n], grid.axes[1][k % n]] for k in reversed(way)])
+    points = np.concatenate([leads[0], middle, leads[1][::-1]])
+    if period is not None:  # continuous instead of wrapped
+        jumps = np.diff(points, axis=0)
+        points[1:] = points[0] + np.cumsum(jumps - period * np.round(jumps / period), axis=0)
+    points = _shorten(height, points, grid.curvature)
+    pieces = [points[:1]]
+    for p, q in itertools.pairwise(points):
+        count = max(1, math.ceil(float(np.abs(q - p).max()) / longest_step))
+        pieces.append(p + (q - p) * (np.arange(1, count + 1) / count)[:, None])
+    path = np.concatenate(pieces)
+    q1, q2 = _components(path)
+    return PosturePath(path, np.stack(mechanism.tip((q1, q2)), axis=1), np.asarray(f((q1, q2))))
+
+
+def is_free(f: Scalar, p: np.ndarray, q: np.ndarray, curvature: float, floor: float = 0.0) -> bool:
+    """Whether f > floor on the whole segment from p to q, given a bound of its second derivative in any direction."""
+    length = float(np.hypot(*(q - p)))
+    for count in (1, 4, 16, 64, 256):
+        t = np.linspace(0, 1, count + 1)[:, None]
+        values = np.asarray(f(_components(p + t * (q - p))))
+        if values.min() <= floor:
+            return False
+        if (np.minimum(values[1:], values[:-1]) - curvature * (length / count) ** 2 / 8 > floor).all():
+            return True
+    return False
+
+
+def _climb(f: Scalar, q: np.ndarray, grid: _Grid) -> np.ndarray:
+    """From q uphill, in safe steps, until f is large enough for the grid; the points on the way."""
+    enough = grid.curvature * (grid.steps[0] ** 2 + grid.steps[1] ** 2)
+    points = [q]
+    for _ in range(200):
+        value = float(np.asarray(f((points[-1][:1], points[-1][1:])))[0])
+        if value > enough:
+            break
+        slope = gradient(f, points[-1])
+        step = min(0.5 * min(grid.steps), math.sqrt(2 * value / grid.curvature))
+        points.append(points[-1] + slope * step / max(float(np.hypot(*slope)), 1e-300))
+        if grid.period is None:
+            points[-1] = np.clip(points[-1], grid.axes[0][0], grid.axes[0][-1])
+    return np.array(points)
+
+
+def _nearest(f: Scalar, q: np.ndarray, grid: _Grid) -> int | None:
+    """Flat index of a node that can be reached from q in a straight line; None where there is none."""
+    n = len(grid.axes[0])
+    place = [(q[k] - grid.axes[k][0]) / grid.steps[k] for k in (0, 1)]
+    offsets = sorted(
+        itertools.product(range(-2, 4), repeat=2),
+        key=lambda o: sum((math.floor(p) + d - p) ** 2 for p, d in zip(place, o, strict=True)),
+    )
+    for offset in offsets:
+        i, j = (math.floor(p) + d for p, d in zip(place, offset, strict=True))
+        if grid.period is None and not (0 <= i < n and 0 <= j < n):
+            continue
+        node = np.array([grid.axes[0][0] + i * grid.steps[0], grid.axes[1][0] + j * grid.steps[1]])
+        if grid.values[i % n, j % n] > 0 and is_free(f, q, node, grid.curvature):
+            return int((i % n) * n + j % n)
+    return None
+
+
+def _shorten(f: Scalar, points: np.ndarray, curvature: float) -> np.ndarray:
+    """Straight lines instead of detours, where f stays above half of its least value there (or its largest tenth)."""
+    height = np.asarray(f(_components(points)))
+    top = 0.1 * float(height.max())
+    kept, i = [0], 0
+    while i < len(points) - 1:
+        j = len(points) - 1
+        while j > i + 1:
+            floor = 0.5 * min(float(height[i : j + 1].min()), top)
+            if is_free(f, points[i], points[j], curvature, floor):
+                break
+            j = i + max(1, (j - i) // 2) if j - i > 64 else j - 1
+        kept.append(j)
+        i = j
+    return points[kept]
