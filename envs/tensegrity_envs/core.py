@@ -70,8 +70,10 @@ class Core(ABC):
         simulation: how actions move it.
         task: what is wanted.
         reach: an upper bound of the tip's distance from the base [m].
-        input_name: of the inputs, in `info`.
+        input_name: of the inputs, in `info`; empty where there are none.
         control: how it is driven, for controllers.
+        error_name: of the distance to the goal, in `info`.
+        error_unit: in which a thousandth of it is told, "mm" or "mrad".
         hidden_names: of the entries of `info` that tell hidden parameters.
     """
 
@@ -82,6 +84,8 @@ class Core(ABC):
     reach: float
     input_name: str
     control: str
+    error_name: str = "tip_error"
+    error_unit: str = "mm"
     hidden_names: tuple[str, ...]
     observation_space: spaces.Dict
     action_space: spaces.Box
@@ -110,20 +114,29 @@ class Core(ABC):
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """Arguments of `rendering.Scene` that depend on the mechanism."""
 
-    def set_spaces(self, observation_size: int, goal_size: int = 2) -> None:
-        """Define the spaces."""
+    def set_spaces(self, observation_size: int, goal_size: int = 2, goal_bound: float | None = None) -> None:
+        """Define the spaces; goals are within the reach [m], unless another bound is given."""
+        bound = self.reach if goal_bound is None else goal_bound
         box = spaces.Box(-1.0, 1.0, (observation_size,), np.float32)
-        goal = spaces.Box(-self.reach, self.reach, (goal_size,), np.float32)
+        goal = spaces.Box(-bound, bound, (goal_size,), np.float32)
         self.observation_space = spaces.Dict({"observation": box, "achieved_goal": goal, "desired_goal": goal})
         self.action_space = spaces.Box(-1.0, 1.0, (self.simulation.action_size,), np.float32)
 
     # ------------------------------------------------------------------------------------- what happens, traceable
 
+    def achieved(self, state: State) -> Components:
+        """What is compared with the goal: the tip [m]."""
+        return state.tip
+
+    def error(self, xp: Any, achieved: Components, goal: Components) -> Component:
+        """Distance of the achieved from the desired goal [m]."""
+        return xp.hypot(achieved[0] - goal[0], achieved[1] - goal[1])
+
     def outcome(self, episode: Episode, state: State) -> Outcome:
         """What is to be told about a state."""
         xp = namespace_of(state.tip[0])
-        achieved = tuple(to_single(component) for component in state.tip)
-        error = xp.hypot(achieved[0] - episode.goal[0], achieved[1] - episode.goal[1])
+        achieved = tuple(to_single(component) for component in self.achieved(state))
+        error = self.error(xp, achieved, episode.goal)
         state = self.task.judge(xp, error, state)
         terms = self.task.reward_terms(xp, error, state, episode)
         total: Component = 0.0
@@ -131,7 +144,7 @@ class Core(ABC):
             total = total + term
         info = {
             "is_success": self.task.is_success(error, state, episode),
-            "tip_error": error,
+            self.error_name: error,
             "stability_margin": state.stability_margin,
             "wrench_margin": state.wrench_margin,
             "is_stable": state.stability_margin > 0,
@@ -139,7 +152,7 @@ class Core(ABC):
             "failure": state.failure,
             "effort": self.task.effort(state),
             "configuration": state.configuration,
-            self.input_name: state.inputs,
+            **({self.input_name: state.inputs} if self.input_name else {}),
             **self.hidden(episode, state),
             **self.task.measures(state, episode),
             **{f"reward_{name}": term for name, term in terms.items()},
@@ -239,15 +252,20 @@ class Core(ABC):
         episode = self.episode_of(batch, desired[:, 0], desired[:, 1])
         state = State(
             tuple(batch["configuration"].T),
-            tuple(batch[self.input_name].T),
-            tuple(achieved.T),
+            tuple(batch[self.input_name].T) if self.input_name in batch else (),
+            (achieved[:, 0], achieved[:, 1]),
             batch["stability_margin"],
             batch["wrench_margin"],
             batch["failure"],
             batch["step"],
         )
+        state = self.with_achieved(state, tuple(achieved.T))
         n = len(achieved)
         return self.tell(self.episodes.pack(episode, n), self.states.pack(state, n)), single
+
+    def with_achieved(self, state: State, achieved: Components) -> State:
+        """The state of which `achieved` tells that."""
+        return state._replace(tip=achieved)
 
     def _goals(
         self, achieved: Any, desired: Any, info: Any
@@ -261,8 +279,8 @@ class Core(ABC):
                 f"goals of shapes {achieved.shape} and {desired.shape}: "
                 f"both must be {size} or (n, {size[0]}), in metres"
             )
-        keys = ["configuration", self.input_name, "stability_margin", "wrench_margin", "failure", "step"]
-        keys += self.hidden_names
+        keys = ["configuration", "stability_margin", "wrench_margin", "failure", "step", *self.hidden_names]
+        keys += [self.input_name] if self.input_name else []
         infos = [info] if isinstance(info, dict) and single else info
         if not isinstance(infos, dict):
             if len(infos) != (1 if single else len(achieved)) or any(key not in i for i in infos for key in keys):
@@ -279,15 +297,15 @@ class Core(ABC):
 
     def picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
         """What `render` draws."""
-        error = float(np.hypot(state.tip[0] - episode.goal[0], state.tip[1] - episode.goal[1]))
-        return Scene(
-            tip=(state.tip[0], state.tip[1]),
-            target=(episode.goal[0], episode.goal[1]),
-            tolerance=self.task.tolerance,
-            trace=trace,
-            margins={"stability": state.stability_margin, "wrench": state.wrench_margin},
-            caption=f"step {step}   tip error {1000 * error:.1f} mm",
-            reach=self.reach,
-            failure=FAILURES[state.failure],
-            **self.scene(episode, state),
-        )
+        error = float(self.error(np, self.achieved(state), episode.goal))
+        usual: dict[str, Any] = {
+            "tip": state.tip,
+            "target": episode.goal,
+            "tolerance": self.task.tolerance,
+            "trace": trace,
+            "margins": {"stability": state.stability_margin, "wrench": state.wrench_margin},
+            "caption": f"step {step}   {self.error_name.replace('_', ' ')} {1000 * error:.1f} {self.error_unit}",
+            "reach": self.reach,
+            "failure": FAILURES[state.failure],
+        }
+        return Scene(**(usual | self.scene(episode, state)))

@@ -62,6 +62,14 @@ ENTRIES = (
         {},
         150,
     ),
+    Entry(
+        "tensegrity/TwoXPostureChange-v0",
+        "plain 2-X (b = 9/10 L), joint increments: from one inverse solution to another of the same aspect, never "
+        "meeting a singularity",
+        "TwoXPostureChange",
+        {},
+        200,
+    ),
 )
 ENV_IDS = tuple(entry.id for entry in ENTRIES)
 

@@ -2,11 +2,14 @@
 
 from tensegrity_envs.arms.dual_triangle import DualTrianglePush, DualTriangleReach
 from tensegrity_envs.arms.two_x import TwoXReach
+from tensegrity_envs.arms.two_x_posture import TwoXPostureChange
 from tensegrity_envs.core import Core
 
-ARMS: dict[str, type[Core]] = {arm.__name__: arm for arm in (TwoXReach, DualTriangleReach, DualTrianglePush)}
+ARMS: dict[str, type[Core]] = {
+    arm.__name__: arm for arm in (TwoXReach, DualTriangleReach, DualTrianglePush, TwoXPostureChange)
+}
 
-__all__ = ["ARMS", "DualTrianglePush", "DualTriangleReach", "TwoXReach", "core_of"]
+__all__ = ["ARMS", "DualTrianglePush", "DualTriangleReach", "TwoXPostureChange", "TwoXReach", "core_of"]
 
 
 def core_of(arm: str | type[Core], options: dict[str, object]) -> Core:

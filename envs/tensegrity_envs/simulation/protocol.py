@@ -4,9 +4,9 @@ from typing import Any, NamedTuple, Protocol
 
 from tensegrity_envs.mechanics.namespace import Component, Components
 
-RUNNING, UNSTABLE, WRENCH_INFEASIBLE, BUCKLED, JOINT_LIMIT, OFF_TARGET = range(6)
+RUNNING, UNSTABLE, WRENCH_INFEASIBLE, BUCKLED, JOINT_LIMIT, OFF_TARGET, SINGULAR = range(7)
 # Why an episode was terminated; `State.failure` indexes it.
-FAILURES = ("", "unstable", "wrench-infeasible", "buckled", "joint limit", "off target")
+FAILURES = ("", "unstable", "wrench-infeasible", "buckled", "joint limit", "off target", "singular")
 
 
 class State(NamedTuple):

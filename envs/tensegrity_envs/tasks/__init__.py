@@ -1,8 +1,9 @@
 """Tasks: what is to be done with a mechanism, and what it is worth."""
 
 from tensegrity_envs.tasks.hold import Hold
+from tensegrity_envs.tasks.posture import Posture
 from tensegrity_envs.tasks.protocol import Task
 from tensegrity_envs.tasks.reach import Reach
-from tensegrity_envs.tasks.weights import HoldWeights, ReachWeights
+from tensegrity_envs.tasks.weights import HoldWeights, PostureWeights, ReachWeights
 
-__all__ = ["Hold", "HoldWeights", "Reach", "ReachWeights", "Task"]
+__all__ = ["Hold", "HoldWeights", "Posture", "PostureWeights", "Reach", "ReachWeights", "Task"]

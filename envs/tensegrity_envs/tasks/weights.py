@@ -81,6 +81,23 @@ class HoldWeights(Weights):
     success: float = 0.5
 
 
+@dataclass(frozen=True)
+class PostureWeights(Weights):
+    """Weights of the dense reward of changing posture.
+
+    Attributes:
+        distance: 1 at the goal, falling linearly with the joint distance.
+        closeness: 1 / (1 + sqrt(joint distance / tolerance)).
+        clearance: rises with the distance from the singularity.
+        success: 1 while at the goal.
+    """
+
+    distance: float = 0.3
+    closeness: float = 0.3
+    clearance: float = 0.1
+    success: float = 0.5
+
+
 def check_form(reward_type: str, tolerance: float) -> None:
     """Validate what all tasks have.
 
@@ -90,4 +107,4 @@ def check_form(reward_type: str, tolerance: float) -> None:
     if reward_type not in ("dense", "sparse"):
         raise ValueError(f"reward_type = {reward_type!r}: must be 'dense' or 'sparse'")
     if not (np.isfinite(tolerance) and tolerance > 0):
-        raise ValueError(f"tolerance = {tolerance!r}: must be a positive length [m]")
+        raise ValueError(f"tolerance = {tolerance!r}: must be positive")

@@ -1,0 +1,252 @@
+"""Changing the posture of the plain 2-X without meeting a singularity."""
+
+import math
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+
+from tensegrity_envs.core import Core, Drawn
+from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
+from tensegrity_envs.mechanics.two_x import FURET2018, TwoX, TwoXDesign
+from tensegrity_envs.seeding import EpisodeStream
+from tensegrity_envs.simulation.protocol import RUNNING, SINGULAR, Episode, State
+from tensegrity_envs.tasks import Posture, PostureWeights
+
+_FULL_TURN = 4 * math.pi  # of alpha: theta = alpha / 2 runs once around
+_GRID = 400  # nodes along each angle, for telling aspects apart
+_FROM_SINGULAR = 5.0  # times the smallest |det J|: starts and goals are at least that far away
+_MAX_ATTEMPTS = 400
+
+
+@cache
+def _aspects_of(design: TwoXDesign) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    from tensegrity_envs.mechanics.singularity import aspects  # slow to import, and only needed here
+
+    found = aspects(TwoX(design), 2 * math.pi, _FULL_TURN, _GRID)
+    return found.labels, found.axes
+
+
+class JointPaths:
+    """Actions are increments of theta = alpha / 2 on the torus; there are no cables and no springs.
+
+    A step that comes too close to det J = 0 anywhere on its way is a failure, and the arm stays where it was.
+    """
+
+    action_size = 2
+    rate = 0.1
+    rate_unit = "rad"
+    looks = 8  # along each step
+
+    def __init__(self, smallest: float) -> None:
+        self.smallest = smallest
+
+    def start(self, mechanism: TwoX, episode: Episode, q: Components, inputs: Components | None = None) -> State:
+        """The state of an arm in configuration q."""
+        return self._at(mechanism, q, self.height(mechanism, q), 0.0 * q[0])
+
+    def height(self, mechanism: TwoX, q: Components) -> Component:
+        """Det J with respect to theta, divided by L^2."""
+        return 4 * mechanism.singularity(q) / mechanism.design.l**2
+
+    def _at(self, mechanism: TwoX, q: Components, height: Component, time: Component) -> State:
+        return State(q, (), mechanism.tip(q), abs(height) - self.smallest, 1.0 + 0.0 * height, RUNNING, time)
+
+    def advance(self, mechanism: TwoX, episode: Episode, state: State, action: Components) -> State:
+        """The state one step later."""
+        xp = namespace_of(*state.configuration)
+        old = state.configuration
+        step = tuple(2 * self.rate * a for a in action)
+        before = self.height(mechanism, old)
+        lowest: Component = None
+        for k in range(1, self.looks + 1):
+            here = tuple(o + s * (k / self.looks) for o, s in zip(old, step, strict=True))
+            # Negative once the sign has changed
+            height = self.height(mechanism, here) * xp.where(before > 0, 1.0, -1.0)
+            lowest = height if lowest is None else xp.minimum(lowest, height)
+        new = tuple(_wrapped(xp, o + s) for o, s in zip(old, step, strict=True))
+        reached = self._at(mechanism, new, lowest, state.time + 1)
+        failed = lowest < self.smallest
+        clearance = xp.minimum(reached.stability_margin, lowest - self.smallest)
+        q = tuple(xp.where(failed, o, n) for o, n in zip(old, new, strict=True))
+        tip = tuple(xp.where(failed, o, n) for o, n in zip(state.tip, reached.tip, strict=True))
+        return reached._replace(
+            configuration=q, tip=tip, stability_margin=clearance, failure=xp.where(failed, SINGULAR, RUNNING)
+        )
+
+
+def _wrapped(xp: Any, alpha: Component) -> Component:
+    """Into (-2 pi, 2 pi], for angles at most one turn beyond."""
+    alpha = xp.where(alpha > _FULL_TURN / 2, alpha - _FULL_TURN, alpha)
+    return xp.where(alpha <= -_FULL_TURN / 2, alpha + _FULL_TURN, alpha)
+
+
+class TwoXPostureChange(Core):
+    """From one inverse solution to another one of the same tip position, in the same aspect, around the cusps.
+
+    The goal is a configuration (theta_1, theta_2), theta = alpha / 2 on the torus (-pi, pi]. An episode ends where
+    |det J| (with respect to theta) falls below a thousandth of L^2 or changes its sign. `info` tells the distance to
+    that as `stability_margin`, for want of springs.
+
+    Args:
+        design: without offsets, on the full torus.
+        reward_type: "dense" or "sparse".
+        reward_weights: of the dense reward, by name; those left out keep their default.
+        tolerance: success within this distance in each angle [rad].
+        smallest: |det J| / L^2 at which the episode ends.
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+        TypeError: `design` is not a design.
+    """
+
+    simulation: JointPaths
+    input_name = ""
+    hidden_names = ()
+    control = "joint"
+    error_name = "posture_error"
+    error_unit = "mrad"
+
+    def __init__(
+        self,
+        design: TwoXDesign | None = None,
+        observe: Literal["full"] = "full",
+        reward_type: Literal["dense", "sparse"] = "dense",
+        reward_weights: dict[str, float] | PostureWeights | None = None,
+        tolerance: float = 0.02,
+        smallest: float = 1e-3,
+    ) -> None:
+        design = FURET2018(0.9) if design is None else design
+        if not isinstance(design, TwoXDesign):
+            raise TypeError(f"design = {design!r}: must be a TwoXDesign, such as FURET2018(0.9)")
+        if design.a != 0 or design.joint_limit < 2 * math.pi:
+            raise ValueError(
+                f"design = {design!r}: must be without offsets (a = 0) and on the torus (joint_limit 2 pi)"
+            )
+        if observe != "full":
+            raise ValueError(f"observe = {observe!r}: must be 'full'")
+        if not (np.isfinite(smallest) and smallest > 0):
+            raise ValueError(f"smallest = {smallest!r}: must be positive")
+        self.design = design
+        self.nominal = TwoX(design)
+        self.simulation = JointPaths(smallest)
+        self.task = Posture(
+            span=math.pi,
+            margin=0.1,
+            tolerance=tolerance,
+            reward_type=reward_type,
+            weights=PostureWeights.given(reward_weights),
+        )
+        self.reach = float(self.nominal.reach)
+        self._labels, self._axes = _aspects_of(design)
+        self.set_spaces(4 + 4 + 2 + 1, goal_bound=math.pi)
+
+    def mechanism(self, design: TwoXDesign) -> TwoX:
+        """See `Core.mechanism`."""
+        return TwoX(design)
+
+    def _aspect(self, q: Components) -> np.ndarray:
+        """Which aspect configurations are in, from the nearest grid node; -1 next to a singularity."""
+        places = []
+        for alpha, axis in zip(q, self._axes, strict=True):
+            step = axis[1] - axis[0]
+            places.append(np.rint((alpha - axis[0]) / step).astype(int) % len(axis))
+        return np.asarray(self._labels[places[0], places[1]])
+
+    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
+        """Starts uniform on the torus among those that have another inverse solution in their aspect."""
+        n = len(seed)
+        stream = EpisodeStream(seed, episode)
+        start, goal = np.zeros((2, n)), np.zeros((2, n))
+        pending = np.arange(n)
+        floor = _FROM_SINGULAR * self.simulation.smallest
+        for _ in range(_MAX_ATTEMPTS):
+            m = len(pending)
+            here = stream.at(pending)
+            q = tuple(here.uniform(-2 * math.pi, 2 * math.pi) for _ in range(2))
+            choice = here.uniform()
+            stream.skip(3)
+            aspect = self._aspect(q)
+            fine = (aspect >= 0) & (np.abs(self.simulation.height(self.nominal, q)) >= floor)
+            fine &= np.hypot(*self.nominal.tip(q)) > 1e-3 * self.reach
+            table = np.full((2, m, 8), np.nan)
+            index = np.flatnonzero(fine)
+            if len(index):
+                found = np.stack(self.nominal.inverse_kinematics_batch(*self.nominal.tip(tuple(a[index] for a in q))))
+                table[:, index, : found.shape[2]] = found
+            known = np.isfinite(table[0])
+            flat = (np.where(known, table[0], 0.0), np.where(known, table[1], 0.0))
+            other = known & (self._aspect(flat) == aspect[:, None])
+            other &= np.abs(self.simulation.height(self.nominal, flat)) >= floor
+            gap = np.maximum(*(np.abs(self._turn(t - a[:, None])) for t, a in zip(flat, q, strict=True)))
+            other &= gap > 10 * self.task.tolerance
+            count = other.sum(axis=1)
+            good = fine & (count > 0)
+            rank = np.floor(choice * count).astype(int)
+            picked = (np.cumsum(other, axis=1) == (rank + 1)[:, None]).argmax(axis=1)
+            done = pending[good]
+            start[:, done] = np.stack(q)[:, good]
+            goal[:, done] = table[:, np.arange(m), picked][:, good]
+            pending = pending[~good]
+            if not len(pending):
+                break
+        else:
+            raise RuntimeError(f"no pair of postures found for {self.design} in {_MAX_ATTEMPTS} draws")
+        target = tuple(to_single(alpha / 2) for alpha in goal)
+        return Drawn(Episode(self.design, (0.0, 0.0), (), target), tuple(start), None)
+
+    @staticmethod
+    def _turn(alpha: Any) -> Any:
+        """The same difference of alphas in [-2 pi, 2 pi)."""
+        return (alpha + _FULL_TURN / 2) % _FULL_TURN - _FULL_TURN / 2
+
+    def achieved(self, state: State) -> Components:
+        """The configuration, as (theta_1, theta_2) [rad]."""
+        return tuple(alpha / 2 for alpha in state.configuration)
+
+    def with_achieved(self, state: State, achieved: Components) -> State:
+        """See `Core.with_achieved`."""
+        q = tuple(2 * theta for theta in achieved)
+        return state._replace(configuration=q, tip=self.nominal.tip(q))
+
+    def error(self, xp: Any, achieved: Components, goal: Components) -> Component:
+        """The larger of the angles between the thetas [rad]."""
+        gaps = [abs(a - g) for a, g in zip(achieved, goal, strict=True)]
+        return xp.maximum(*(xp.minimum(gap, 2 * math.pi - gap) for gap in gaps))
+
+    def observation(self, state: State) -> list[Component]:
+        """Components of the "observation" entry, each within [-1, 1].
+
+        Sine and cosine of each theta (4) and of twice it (4), tip / reach (2), the margin m as m / (1 + |m|) (1).
+        """
+        xp = namespace_of(state.tip[0])
+        parts: list[Component] = []
+        for alpha in state.configuration:
+            parts += [xp.sin(alpha / 2), xp.cos(alpha / 2)]
+        for alpha in state.configuration:
+            parts += [xp.sin(alpha), xp.cos(alpha)]
+        parts += [component / self.reach for component in state.tip]
+        m = state.stability_margin
+        return [*parts, m / (1 + abs(m))]
+
+    def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
+        """Nothing is hidden."""
+        return {}
+
+    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
+        """See `Core.episode_of`."""
+        return Episode(self.design, (0.0, 0.0), (), (x, y))
+
+    def scene(self, episode: Episode, state: State) -> dict[str, Any]:
+        """The arm without springs and cables, the tip position of the goal, and the way to the singularity."""
+        arm = self.mechanism(episode.design)
+        goal = tuple(2 * theta for theta in episode.goal)
+        return {
+            "nodes": arm.nodes(state.configuration),
+            "members": [member for member in arm.members if member.kind == "bar"],
+            "tensions": {},
+            "tension_bounds": (0.0, 1.0),
+            "target": arm.tip(goal),
+            "tolerance": 0.02,
+            "margins": {"det J": self.simulation.height(arm, state.configuration)},
+        }
