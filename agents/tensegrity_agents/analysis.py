@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,17 @@ import numpy as np
 import yaml
 from matplotlib.figure import Figure
 
+from tensegrity_agents.reporting import analysis_dual_triangle as dual
 from tensegrity_agents.reporting import analysis_two_x as draw
 from tensegrity_agents.reporting.analysis_page import write_page
 from tensegrity_agents.reporting.figures import save
 from tensegrity_envs.mechanics import accessibility, workspace
+from tensegrity_envs.mechanics.dual_triangle import (
+    ZHAO2021_CAPTION,
+    ZHAO2021_TEXT,
+    DualTriangle,
+    DualTriangleDesign,
+)
 from tensegrity_envs.mechanics.overlay import closed, feature_collection
 from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022, TwoX, TwoXDesign
 
@@ -287,11 +295,49 @@ def _showpiece(found: accessibility.Accessibility) -> tuple[float, float]:
     return float(point.x), float(point.y)
 
 
+def _analyze_dual_triangle(
+    designs: Mapping[str, DualTriangleDesign], out: Path, progress: Progress
+) -> dict[str, Numbers]:
+    arms = {name: DualTriangle(design) for name, design in designs.items()}
+    for name, arm in arms.items():
+        if not arm.design.is_symmetric or arm.design.springs != "bilateral":
+            raise ValueError(f"design {name}: the figures are of symmetric segments with bilateral springs")
+        if not arm.straight_critical_loads()[0] > 0:
+            raise ValueError(f"design {name}: its straight arm is unstable; a longer free_length1 and 2 is needed")
+    for name, arm in arms.items():
+        folder = out / name
+        folder.mkdir(parents=True, exist_ok=True)
+        b = float(arm.design.b1)
+        compared = [(name, arm), *((other, arms[other]) for other in arms if other != name)]
+        targets = [(5.5 * b, -b), (5 * b, 1.5 * b), (4.5 * b, 0.0), (4 * b, 2.5 * b)]
+        drawings: dict[str, Callable[[], Figure]] = {
+            "zhao_fig2_torque": partial(dual.torque_curves, arm),
+            "zhao_fig3_control": partial(dual.control_and_sensitivity, compared),
+            "zhao_fig5_redundancy": partial(dual.redundancy, arm, targets),
+            "zhao_fig6_control_over_targets": partial(dual.control_over_targets, compared),
+            "buckling": partial(dual.buckling, arm),
+            "loaded_workspace": partial(dual.loaded_workspace, arm),
+            "critical_load": partial(dual.critical_load_map, arm),
+        }
+        step = _Steps(name, len(drawings), progress)
+        for stem, drawing in drawings.items():
+            step(stem)
+            save(drawing(), folder / stem)
+        step.finish()
+    return {name: dual.numbers(arm) for name, arm in arms.items()}
+
+
 ANALYSES: dict[str, Analysis] = {
     "two-x": Analysis(
         "stable wrench-feasible set; without offsets also regions by inverse solutions, cusps, posture changes",
         {"muralidharan2022": lambda: MURALIDHARAN2022, "furet2018": lambda: FURET2018(2 / 3)},
         ("muralidharan2022", "furet2018,b=0.4", "furet2018,b=0.6666666666666666", "furet2018,b=0.9"),
         _analyze_two_x,
+    ),
+    "dual-triangle": Analysis(
+        "torque, control, redundancy, buckling, what can be held under a load",
+        {"zhao2021_caption": lambda: ZHAO2021_CAPTION, "zhao2021_text": lambda: ZHAO2021_TEXT},
+        ("zhao2021_caption", "zhao2021_text"),
+        _analyze_dual_triangle,
     ),
 }

@@ -1,0 +1,252 @@
+"""Figures of the dual-triangle arm, after those of [Zhao2021], for any design; and what the paper leaves out: loads.
+
+Every function takes a mechanism and returns a `matplotlib.figure.Figure`; see `reporting.figures` for the style.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _styled
+from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
+
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
+_OBJECTIVES = {"sum": "(a) sum", "max": "(b) largest", "squares": "(c) squares"}
+
+
+def _symmetric(arm: DualTriangle) -> tuple[float, float, float, float]:
+    """Half width, height, stiffness and free length, of a symmetric design."""
+    d = arm.design
+    return float(d.a1), float(d.b1), float(d.k1), float(d.free_length1)
+
+
+@_styled
+def torque_curves(arm: DualTriangle) -> Figure:
+    """Torque over angle for several nominal free lengths and no control input [Zhao2021, figure 2], with equilibria."""
+    a, b, k, nominal = _symmetric(arm)
+    figure = _figure(7.2, 3.6)
+    panels = figure.subplots(1, 2, sharey=True)
+    flat = 0.5 * b  # a design that can be bistable, beside the given one
+    for axes, half_width in zip(panels, (a, flat), strict=True):
+        scale = k * b * b
+        threshold = max(2 * b * (1 - (half_width / b) ** 2), 0.0)
+        lengths = sorted({nominal, 0.6 * b, 1.0 * b, 1.3 * b, 1.6 * b})
+        for colour, length in zip(_COLOURS, lengths, strict=False):
+            segment = DualTriangle(DualTriangleDesign.symmetric(half_width, b, k, length), 1).segment
+            limit = float(segment.design.joint_limit)
+            q = np.linspace(-limit, limit, 400)
+            pair = segment.free_lengths(0.0)
+            axes.plot(q, np.asarray(segment.torque(q, pair)) / scale, color=colour, label=f"{length / b:.2g}")
+            for found in segment.equilibria(pair):
+                face = colour if found.is_stable else "white"
+                axes.plot(found.configuration[0], 0.0, "o", markersize=4.5, color=face, markeredgecolor=colour)
+        axes.axhline(0, color=_INK, linewidth=0.8)
+        axes.set_title(f"a/b = {half_width / b:.3g}; monotone for L0/b > {threshold / b:.3g}")
+        axes.set_xlabel("q [rad]")
+        axes.legend(title="L0/b", fontsize=7)
+    panels[0].set_ylabel("torque of the springs, M / (k b²) [-]")
+    return figure
+
+
+@_styled
+def control_and_sensitivity(arms: Sequence[tuple[str, DualTriangle]]) -> Figure:
+    """Control input and sensitivity over the desired angle [Zhao2021, figure 3], and the limits of the free lengths."""
+    figure = _figure(7.2, 3.4)
+    panels = figure.subplots(1, 2)
+    for colour, (name, arm) in zip(_COLOURS, arms, strict=False):
+        _, b, _, nominal = _symmetric(arm)
+        segment, limit = arm.segment, float(arm.design.joint_limit)
+        q = np.linspace(-limit, limit, 400)
+        delta = np.asarray(segment.control(q)) / b
+        inside = np.abs(delta) <= nominal / b + 1e-12
+        for axes, values in zip(panels, (delta, np.asarray(segment.sensitivity(q)) / b), strict=True):
+            axes.plot(q, np.where(inside, values, np.nan), color=colour, label=name)
+            axes.plot(q, np.where(inside, np.nan, values), color=colour, linestyle=(0, (2, 2)), linewidth=1.0)
+    panels[0].set(xlabel="desired angle q [rad]", ylabel="control input Δ / b [-]")
+    panels[1].set(xlabel="desired angle q [rad]", ylabel="sensitivity dΔ/dq / b [-]", ylim=(0, None))
+    for axes in panels:
+        axes.axvline(0, color=_FAINT, linewidth=0.6)
+    panels[0].legend(fontsize=8)
+    panels[1].annotate("dotted: a free length would be negative", (0.03, 0.04), xycoords="axes fraction", fontsize=7)
+    return figure
+
+
+def draw_arm(axes: Axes, arm: DualTriangle, q: Sequence[float], colour: str, label: str | None = None) -> None:
+    """The triangles of an arm, filled lightly, and its springs."""
+    nodes = arm.nodes(tuple(map(float, q)))
+    for i in range(1, arm.segments + 1):
+        for corners in (("A", "B"), ("D", "C")):
+            outline = np.array([nodes[f"{corners[0]}{i}"], nodes[f"{corners[1]}{i}"], nodes[f"O{i}"]])
+            axes.fill(*outline.T, facecolor=colour, alpha=0.18, edgecolor=colour, linewidth=1.2)
+        for ends in ("AD", "BC"):
+            axes.plot(*np.array([nodes[f"{ends[0]}{i}"], nodes[f"{ends[1]}{i}"]]).T, color=colour, linewidth=0.6)
+    axes.plot(*nodes["P"], "o", markersize=4, color=colour, label=label)
+
+
+@_styled
+def redundancy(arm: DualTriangle, targets: Sequence[tuple[float, float]]) -> Figure:
+    """Postures that the three objectives choose for the same targets [Zhao2021, figure 5], from the paper's start."""
+    start = (-0.1, 0.1, 0.1)
+    figure = _figure(7.4, 3.0 * math.ceil(len(targets) / 2))
+    panels = np.atleast_1d(figure.subplots(math.ceil(len(targets) / 2), 2, sharex=True, sharey=True)).ravel()
+    _, b, _, _ = _symmetric(arm)
+    for axes, target in zip(panels, targets, strict=False):
+        for colour, (name, label) in zip(_COLOURS, _OBJECTIVES.items(), strict=False):
+            found = arm.redundancy(*target, start, name)  # type: ignore[arg-type]
+            if found.is_reachable:
+                text = ", ".join(f"{angle:.2f}" for angle in found.configuration)
+                draw_arm(axes, arm, found.configuration, colour, f"{label}: {text}")
+        axes.plot(*target, "x", color=_INK, markersize=7)
+        axes.set(aspect="equal", title=f"target ({target[0] / b:.3g} b, {target[1] / b:.3g} b)")
+        axes.legend(fontsize=6, loc="lower left")
+    for axes in panels[len(targets) :]:
+        axes.axis("off")
+    return figure
+
+
+@_styled
+def control_over_targets(arms: Sequence[tuple[str, DualTriangle]]) -> Figure:
+    """Control inputs along lines of targets x = const [Zhao2021, figure 6], for each design, by objective (c)."""
+    figure = _figure(7.4, 2.5 * len(arms))
+    panels = figure.subplots(len(arms), 3, sharex=True, squeeze=False)
+    for row, (name, arm) in zip(panels, arms, strict=True):
+        _, b, _, nominal = _symmetric(arm)
+        y = np.linspace(-3.0, 3.0, 181) * b
+        for colour, x in zip(_COLOURS, (4.5, 5.0, 5.5), strict=False):
+            found = arm.redundancy(np.full(y.shape, x * b), y, (-0.1, 0.1, 0.1), "squares")
+            delta = np.array(arm.control(found.configuration)) / b
+            held = np.asarray(found.is_reachable) & (np.abs(delta).max(axis=0) <= nominal / b)
+            for axes, values in zip(row, delta, strict=True):
+                axes.plot(y / b, np.where(held, values, np.nan), color=colour, label=f"x = {x:g} b", linewidth=1.2)
+        for i, axes in enumerate(row):
+            axes.set_title(f"{name}, Δ{i + 1} / b", fontsize=9)
+    for axes in panels[-1]:
+        axes.set_xlabel("target y / b")
+    panels[0][0].legend(fontsize=7)
+    return figure
+
+
+@_styled
+def buckling(arm: DualTriangle) -> Figure:
+    """Straight and buckled equilibria over an axial push: tip deflection and smallest stiffness."""
+    _, b, k, _ = _symmetric(arm)
+    figure = _figure(7.4, 3.5)
+    panels = figure.subplots(1, 2)
+    critical = [float(load) for load in arm.straight_critical_loads()]
+    most = 3 * critical[0]
+    straight = np.linspace(0, most, 200)
+    zeros = (np.zeros(1),) * arm.segments
+    lengths = arm.free_lengths((0.0,) * arm.segments)
+    margin = np.array([float(arm.stability_margin(zeros, lengths, (-p, 0.0))[0]) for p in straight])
+    panels[1].plot(straight / (k * b), margin, color=_INK, label="straight")
+    for ok, style in ((margin > 0, "-"), (margin <= 0, (0, (3, 2)))):
+        panels[0].plot(straight[ok] / (k * b), 0 * straight[ok], color=_INK, linestyle=style)
+    for mode, colour in zip(range(1, 3), _COLOURS, strict=False):
+        if critical[mode - 1] > most:
+            continue
+        for side in (1, -1):
+            branch = arm.buckled_branch(mode, side, max_load=most)
+            y = np.array([arm.tip(tuple(q))[1] for q in np.asarray(branch.configuration)])
+            load = np.asarray(branch.load) / (k * b)
+            stable = np.asarray(branch.is_stable)
+            panels[0].plot(load, np.where(stable, y, np.nan) / b, color=colour)
+            panels[0].plot(load, np.where(stable, np.nan, y) / b, color=colour, linestyle=(0, (3, 2)))
+            if side == 1:
+                panels[1].plot(load, branch.stability_margin, color=colour, label=f"buckled, mode {mode}")
+            if branch.reason:
+                panels[0].plot(load[-1], y[-1] / b, "s", color=colour, markersize=4)
+    imperfect = tuple(float(arm.segment.control(0.05)) for _ in range(arm.segments))
+    start = arm.equilibrium(arm.free_lengths(imperfect), (0.05,) * arm.segments)
+    bent = arm.load_branch(arm.free_lengths(imperfect), (-1.0, 0.0), start.configuration, max_load=most)
+    y = np.array([arm.tip(tuple(q))[1] for q in np.asarray(bent.configuration)])
+    load = np.asarray(bent.load) / (k * b)
+    panels[0].plot(load, y / b, color=_COLOURS[2], linewidth=1.1)
+    panels[1].plot(load, bent.stability_margin, color=_COLOURS[2], label="bent by 0.05 rad per joint", linewidth=1.1)
+    for axes in panels:
+        axes.axvline(critical[0] / (k * b), color=_FAINT, linewidth=0.8, linestyle=(0, (1, 2)))
+        axes.set_xlabel("push / (k b) [-]")
+    panels[0].set_ylabel("tip deflection y / b [-]")
+    panels[1].set(ylabel="smallest stiffness / (k b²) [-]")
+    panels[1].axhline(0, color=_INK, linewidth=0.6)
+    panels[1].legend(fontsize=7)
+    panels[0].set_title("square: an angle reaches its limit", fontsize=8)
+    return figure
+
+
+def _postures(arm: DualTriangle, count: int, seed: int = 0) -> np.ndarray:
+    """Random postures within joint and free-length limits without load, shape (segments, m)."""
+    limit = float(arm.design.joint_limit)
+    q = np.random.default_rng(seed).uniform(-limit, limit, (arm.segments, count))
+    delta = np.array(arm.control(tuple(q)))
+    return q[:, np.abs(delta).max(axis=0) <= float(arm.design.free_length1)]
+
+
+@_styled
+def loaded_workspace(arm: DualTriangle, multiples: Sequence[float] = (0.0, 0.75, 1.0, 1.5)) -> Figure:
+    """Where the tip can be held stably, within all limits, under axial pushes: the best margin over the postures."""
+    _, b, _, nominal = _symmetric(arm)
+    critical = float(arm.straight_critical_loads()[0])
+    figure = _figure(7.6, 2.5)
+    panels = figure.subplots(1, len(multiples), sharex=True, sharey=True)
+    q = tuple(_postures(arm, 400_000))
+    x, y = (np.asarray(value) / b for value in arm.tip(q))
+    for axes, multiple in zip(panels, multiples, strict=True):
+        load = (-multiple * critical, 0.0)
+        delta = np.array(arm.control(q, load))
+        margin = np.asarray(arm.stability_margin(q, arm.free_lengths(tuple(delta)), load))
+        held = (margin > 0) & (np.abs(delta).max(axis=0) <= nominal)
+        image = axes.hexbin(
+            x[held], y[held], C=margin[held], reduce_C_function=np.max, gridsize=46, cmap="viridis", vmin=0, vmax=1,
+            extent=(x.min(), x.max(), y.min(), y.max()),
+        )  # fmt: skip
+        axes.set(aspect="equal", title=f"push {multiple:g} P1" if multiple else "no load", xlabel="x / b")
+    panels[0].set_ylabel("y / b")
+    figure.colorbar(image, ax=list(panels), shrink=0.8, label="best smallest stiffness / (k b²)")
+    return figure
+
+
+@_styled
+def critical_load_map(arm: DualTriangle) -> Figure:
+    """The axial push at which a tip position can no longer be held, with the best and with the worst posture there."""
+    _, b, k, _ = _symmetric(arm)
+    q = tuple(_postures(arm, 200_000, seed=1))
+    push = np.asarray(arm.critical_load(q, (-1.0, 0.0))) / (k * b)
+    x, y = (np.asarray(value) / b for value in arm.tip(q))
+    finite = np.isfinite(push)
+    top = float(np.percentile(push[finite], 95))
+    figure = _figure(7.4, 3.4)
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    norm = LogNorm(max(float(push[push > 0].min()), top / 100), top)
+    for axes, choose, title in zip(panels, (np.max, np.min), ("best posture", "worst posture"), strict=True):
+        values = np.where(finite, push, 10 * top)
+        image = axes.hexbin(x, y, C=values, reduce_C_function=choose, gridsize=60, cmap="cividis", norm=norm)
+        axes.set(aspect="equal", title=title, xlabel="x / b")
+    panels[0].set_ylabel("y / b")
+    figure.colorbar(image, ax=list(panels), shrink=0.8, extend="max", label="critical push / (k b)")
+    return figure
+
+
+def numbers(arm: DualTriangle) -> dict[str, Any]:
+    """What the table tells."""
+    a, b, k, nominal = _symmetric(arm)
+    segment = arm.segment
+    loads = [float(load) for load in arm.straight_critical_loads()]
+    table: dict[str, Any] = {
+        "a / b": a / b,
+        "L0 / b": nominal / b,
+        "monotone torque, condition (2)": bool(segment.is_monotone()),
+        "joint limit [rad]": float(arm.design.joint_limit),
+        "angle at the largest control input [rad]": float(segment.control_limit),
+    }
+    for m, load in enumerate(loads, 1):
+        table[f"critical push of the straight arm, mode {m} [k b]"] = load / (k * b)
+        table[f"critical push of the straight arm, mode {m} [N]"] = load
+    branch = arm.buckled_branch(1, 1, max_load=20 * loads[0])
+    table["push at the end of the buckled branch [k b]"] = float(branch.load[-1]) / (k * b)
+    table["why it ends"] = branch.reason
+    return table
