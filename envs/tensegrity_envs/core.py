@@ -213,15 +213,19 @@ class Core(ABC):
         drawn = self.draw(seed, episode)
         layouts = self._drawn_layouts
         matrices = [layout.pack(part, len(seed)) for layout, part in zip(layouts, drawn, strict=True)]
-        return matrices[0], self._begin(*matrices)
+        return matrices[0], self.complete(matrices[0], self._begin(*matrices))
 
     def step(self, episodes: np.ndarray, states: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """The outcomes one step later, for actions of shape (action size, n) in [-1, 1]."""
-        return self._step(episodes, states, actions)
+        return self.complete(episodes, self._step(episodes, states, actions))
 
     def tell(self, episodes: np.ndarray, states: np.ndarray) -> np.ndarray:
         """The outcomes of being in these states."""
-        return self._outcome(episodes, states)
+        return self.complete(episodes, self._outcome(episodes, states))
+
+    def complete(self, episodes: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
+        """The outcomes with what compiled code could not tell; nothing here."""
+        return outcomes
 
     @cached_property
     def info_entries(self) -> list[InfoEntry]:

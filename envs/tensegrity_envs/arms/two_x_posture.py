@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tensegrity_envs.arms.two_x_detours import detours_of
 from tensegrity_envs.core import Core, Drawn
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.mechanics.two_x import FURET2018, TwoX, TwoXDesign
@@ -101,6 +102,7 @@ class TwoXPostureChange(Core):
     """
 
     simulation: JointPaths
+    task: Posture
     input_name = ""
     hidden_names = ()
     control = "joint"
@@ -194,6 +196,22 @@ class TwoXPostureChange(Core):
             raise RuntimeError(f"no pair of postures found for {self.design} in {_MAX_ATTEMPTS} draws")
         target = tuple(to_single(alpha / 2) for alpha in goal)
         return Drawn(Episode(self.design, (0.0, 0.0), (), target), tuple(start), None)
+
+    def complete(self, episodes: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
+        """Add the potential, which is read from a table, to the dense reward."""
+        if self.task.reward_type == "dense" and self.task.weights.potential:
+            rows = self.outcomes.rows
+            # From the goals as they are given out, so that a relabelled reward is the same number
+            q, goal = (
+                2 * np.stack([matrix[row] for row in place])
+                for matrix, place in ((outcomes, rows.achieved), (episodes, self.episodes.rows.goal))
+            )
+            running = outcomes[rows.state.failure] == RUNNING
+            share = detours_of(self.design).shares(q, goal)
+            term = self.task.weights.potential * np.where(running, 1 - share, 0.0)
+            outcomes[rows.info["reward_potential"]] = term
+            outcomes[rows.reward] = to_single(outcomes[rows.reward] + term)
+        return outcomes
 
     @staticmethod
     def _turn(alpha: Any) -> Any:

@@ -60,6 +60,7 @@ class Posture:
         return {
             "distance": w.distance * running * xp.maximum(1.0 - error / self.span, 0.0),
             "closeness": w.closeness * running / (1.0 + xp.sqrt(error / self.tolerance)),
+            "potential": 0.0,  # from a table: filled in by the core
             "clearance": w.clearance * running * xp.minimum(state.stability_margin / self.margin, 1.0),
             "success": w.success * success,
         }

@@ -88,12 +88,15 @@ class PostureWeights(Weights):
     Attributes:
         distance: 1 at the goal, falling linearly with the joint distance.
         closeness: 1 / (1 + sqrt(joint distance / tolerance)).
+        potential: falls with the length of the way to the goal that keeps clear of singularities, from 1 to 0. The
+            straight way mostly meets one; this term knows the way round.
         clearance: rises with the distance from the singularity.
         success: 1 while at the goal.
     """
 
     distance: float = 0.3
     closeness: float = 0.3
+    potential: float = 1.0
     clearance: float = 0.1
     success: float = 0.5
 

@@ -1,0 +1,85 @@
+"""Lengths of ways between configurations of the plain 2-X that keep clear of singularities, from a table."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from tensegrity_envs.mechanics.two_x import TwoX, TwoXDesign
+
+_NODES = 40  # along each angle
+_LOOKS = 5  # along each edge
+_FULL_TURN = 4 * np.pi
+
+
+class Detours:
+    """Shortest ways on a grid of the torus, a step being the longer, the closer to a singularity it is.
+
+    Args:
+        design: without offsets.
+    """
+
+    def __init__(self, design: TwoXDesign) -> None:
+        arm, n = TwoX(design), _NODES
+        self._step = _FULL_TURN / n
+        axis = np.arange(n) * self._step
+        first = np.arange(n * n)
+        i, j = first // n, first % n
+        rows, columns, costs = [], [], []
+        for di, dj in ((1, 0), (0, 1), (1, 1), (1, -1)):
+            heights = []
+            for t in np.linspace(0, 1, _LOOKS):
+                q = (axis[i] + t * di * self._step, axis[j] + t * dj * self._step)
+                heights.append(4 * arm.singularity(q) / design.l**2)
+            height = np.array(heights)
+            # The same sign all along, and not a sliver between two singularities
+            clear = (np.abs(np.sign(height).sum(axis=0)) == _LOOKS) & (np.abs(height).min(axis=0) > 0.01)
+            cost = np.hypot(di, dj) * (1 + 0.1 / np.abs(height).mean(axis=0))
+            rows.append(first[clear])
+            columns.append(((i + di) % n * n + (j + dj) % n)[clear])
+            costs.append(cost[clear])
+        parts = (np.concatenate(part) for part in (costs, rows, columns))
+        cost, row, column = parts
+        lengths = dijkstra(coo_array((cost, (row, column)), shape=(n * n, n * n)).tocsr(), directed=False)
+        self.longest = float(lengths[np.isfinite(lengths)].max())
+        self._lengths = np.minimum(lengths, 1.2 * self.longest).astype(np.float32)
+
+    def shares(self, q: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        """Length of the way from q to the goal, each of shape (2, n) [rad], as a share of the longest, at most 1.
+
+        Interpolated between the nodes around q; corners from which no way is seen say nothing.
+        """
+        out = np.empty(q.shape[1])
+        _compiled()(self._lengths, self._step, self.longest, q, goal, out)
+        return out
+
+
+@cache
+def _compiled() -> Any:
+    from numba import njit  # takes half a second to import
+
+    return njit(_shares, cache=True)
+
+
+def _shares(lengths: Any, step: float, longest: float, q: Any, goal: Any, out: Any) -> None:
+    for k in range(out.shape[0]):
+        target = int(np.rint(goal[0, k] / step)) % _NODES * _NODES + int(np.rint(goal[1, k] / step)) % _NODES
+        x, y = q[0, k] / step, q[1, k] / step
+        i, j = int(np.floor(x)), int(np.floor(y))
+        total, weights = 0.0, 0.0
+        for di in range(2):
+            for dj in range(2):
+                length = lengths[(i + di) % _NODES * _NODES + (j + dj) % _NODES, target]
+                if length < 1.1 * longest:
+                    weight = (1 - abs(x - i - di)) * (1 - abs(y - j - dj))
+                    total += weight * length
+                    weights += weight
+        out[k] = min(total / weights / longest, 1.0) if weights > 1e-9 else 1.0
+
+
+@cache
+def detours_of(design: TwoXDesign) -> Detours:
+    """The table of a design, made once."""
+    return Detours(design)
