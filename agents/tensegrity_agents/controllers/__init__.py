@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from tensegrity_agents.controllers import two_x
+from tensegrity_agents.controllers import two_x, two_x_posture
 from tensegrity_agents.controllers.random import RandomController
 from tensegrity_envs.core import Core
 
@@ -21,6 +21,11 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
         "pseudo_inverse": two_x.PseudoInverse,
         "observer": two_x.Observer,
         "oracle": two_x.Oracle,
+    },
+    "TwoXPostureChange": {
+        "pseudo_inverse": two_x_posture.PseudoInverse,
+        "straight_path": two_x_posture.StraightPath,
+        "planner": two_x_posture.Planner,
     },
 }
 

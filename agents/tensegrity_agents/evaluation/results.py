@@ -10,7 +10,7 @@ import numpy as np
 COLUMNS = (
     "success",  # tip within tolerance at the end, stable and wrench-feasible: 0 or 1
     "success_ever",  # the same at any step
-    "final_error_m",  # tip error at the end [m]
+    "final_error_m",  # tip error at the end [m]; of posture changes, the largest angle [rad]
     "steps_to_target",  # first step within tolerance, NaN if never
     "steps",  # length of the episode
     "unstable_share",  # of the steps, in which stability was lost
@@ -35,6 +35,8 @@ class Run:
         reasons: why each episode was terminated, "" where it was not.
         microseconds_per_action: wall time of `predict` divided by the number of actions it gave.
         training_seed: of a trained policy, else None.
+        notes: for the table.
+        error_unit: of a thousandth of the final error.
     """
 
     controller: str
@@ -45,6 +47,7 @@ class Run:
     microseconds_per_action: float
     training_seed: int | None = None
     notes: str = ""
+    error_unit: str = "mm"
     info: dict[str, object] = field(default_factory=dict)
 
 

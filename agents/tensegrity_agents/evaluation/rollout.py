@@ -60,7 +60,8 @@ def evaluate(
     for first in range(0, episodes, batch):
         count = min(batch, episodes - first)
         envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", **(env_options or {}))
-        record = _Record(count, limit)
+        core: Any = envs.unwrapped.core  # type: ignore[attr-defined]
+        record = _Record(count, limit, core.error_name)
         observation, info = envs.reset(seed=first_seed + first)
         record.add(info, np.zeros(count), np.ones(count, bool), initial=True)
         begin = getattr(controller, "begin_episodes", None)
@@ -88,7 +89,9 @@ def evaluate(
         parts.append(record)
     columns = {key: np.concatenate([part.columns()[key] for part in parts]) for key in parts[0].columns()}
     reasons = [reason for part in parts for reason in part.reasons]
-    return Run(name, kind, columns, first_seed + np.arange(episodes), reasons, 1e6 * seconds / max(actions_given, 1))
+    per_action = 1e6 * seconds / max(actions_given, 1)
+    seeds = first_seed + np.arange(episodes)
+    return Run(name, kind, columns, seeds, reasons, per_action, error_unit=core.error_unit)
 
 
 def _last_info(info: dict[str, Any], ended: np.ndarray) -> dict[str, Any]:
@@ -106,8 +109,8 @@ def _last_info(info: dict[str, Any], ended: np.ndarray) -> dict[str, Any]:
 class _Record:
     """Running totals of the episodes of one batch."""
 
-    def __init__(self, count: int, limit: int) -> None:
-        self.limit = limit
+    def __init__(self, count: int, limit: int, error_name: str) -> None:
+        self.limit, self.error_name = limit, error_name
         zeros = np.zeros(count)
         self.steps, self.unstable, self.infeasible = zeros.copy(), zeros.copy(), zeros.copy()
         self.effort, self.total = zeros.copy(), zeros.copy()
@@ -122,7 +125,7 @@ class _Record:
         """Add a step of the episodes that are still running."""
         success = info["is_success"].astype(bool)
         self.success[alive] = success[alive]
-        self.error[alive] = info["tip_error"][alive]
+        self.error[alive] = info[self.error_name][alive]
         self.first[alive & success & np.isnan(self.first)] = (self.steps + (not initial))[
             alive & success & np.isnan(self.first)
         ]

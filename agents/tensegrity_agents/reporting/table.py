@@ -106,6 +106,7 @@ def _row(group: list[Run], reach: float | None) -> Row:
     row = {
         "controller": first.controller,
         "kind": first.kind,
+        "error_unit": first.error_unit,
         "notes": first.notes,
         "episodes": episodes,
         "training_runs": training_runs,
@@ -225,7 +226,7 @@ def print_table(rows: list[Row], console: Console) -> None:
         "success [%]\n95% interval",
         "score\n95% interval",
         "ever\n[%]",
-        "error [mm]\nmedian",
+        f"error [{rows[0]['error_unit'] if rows else 'mm'}]\nmedian",
         "\n95th",
         "steps\n",
         "unstab.\n[%]",
@@ -270,7 +271,7 @@ def to_markdown(rows: list[Row]) -> str:
         "success [%], 95% interval",
         *(["score, 95% interval"] if with_score else []),
         "ever [%]",
-        "final error [mm] median",
+        f"final error [{rows[0]['error_unit'] if rows else 'mm'}] median",
         "95th percentile",
     ]
     header += ["95th percentile [% of reach]"] if with_reach else []
