@@ -1,10 +1,11 @@
 # make compare [ENV=TwoXReach-v0]   the main job: train, compare, report          make test    all tests
 # make check                        ruff, formatting, mypy                        make bench   speeds, as ratios
+# make analyze                      the papers' figures, regions, numbers
 ENV ?= TwoXReach-v0
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: compare test check bench install clean
+.PHONY: compare test check bench analyze install clean
 
 compare: .venv/installed
 	$(BIN)/python scripts/compare.py --env $(ENV)
@@ -19,6 +20,10 @@ check: .venv/installed
 
 bench: .venv/installed
 	$(BIN)/python scripts/benchmark.py
+
+analyze: .venv/installed
+	$(BIN)/python scripts/analyze.py two-x
+	$(BIN)/python scripts/analyze.py dual-triangle
 	$(BIN)/python tests/mechanics/benchmark_workspace.py
 
 install: .venv/installed
