@@ -1,8 +1,8 @@
 """Tasks: what is to be done with a mechanism, and what it is worth."""
 
+from tensegrity_envs.tasks.base import Task
 from tensegrity_envs.tasks.hold import Hold
 from tensegrity_envs.tasks.posture import Posture
-from tensegrity_envs.tasks.protocol import Task
 from tensegrity_envs.tasks.reach import Reach
 from tensegrity_envs.tasks.weights import HoldWeights, PostureWeights, ReachWeights
 

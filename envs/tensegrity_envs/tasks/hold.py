@@ -5,34 +5,23 @@ from typing import Any
 
 from tensegrity_envs.mechanics.namespace import Component, namespace_of
 from tensegrity_envs.simulation.protocol import OFF_TARGET, RUNNING, Episode, State
-from tensegrity_envs.tasks.weights import HoldWeights, check_form
+from tensegrity_envs.tasks.base import Task
+from tensegrity_envs.tasks.weights import HoldWeights
 
 
-@dataclass(frozen=True)
-class Hold:
-    """Score and reward of holding against a growing force.
+@dataclass(frozen=True, kw_only=True)
+class Hold(Task):
+    """Score and reward of holding against a growing force; beyond the tolerance the episode ends.
+
+    In the sparse form a step is worth 1 while a force of at least the reference is held.
 
     Attributes:
         reference_load: the force that counts as 1 [N].
-        input_scale: scale of the effort [m].
-        tolerance: the episode ends when the tip is farther than this from the target [m].
-        reward_type: "dense", or "sparse" (1 while a force of at least the reference is held, else 0).
         weights: of the dense reward.
     """
 
     reference_load: float
-    input_scale: float
-    tolerance: float = 0.006
-    reward_type: str = "dense"
     weights: HoldWeights = field(default_factory=HoldWeights)
-
-    def __post_init__(self) -> None:
-        """Validate.
-
-        Raises:
-            ValueError: an unknown reward type, or a tolerance that is not positive.
-        """
-        check_form(self.reward_type, self.tolerance)
 
     def score(self, state: State, episode: Episode) -> Component:
         """The largest force held so far, divided by the reference.
@@ -57,13 +46,6 @@ class Hold:
     def measures(self, state: State, episode: Episode) -> dict[str, Component]:
         """The score so far."""
         return {"score": self.score(state, episode)}
-
-    def effort(self, state: State) -> Component:
-        """Mean over the inputs of (input / scale)^2."""
-        total: Component = 0.0
-        for value in state.inputs:
-            total = total + value * value
-        return total / (len(state.inputs) * self.input_scale**2)
 
     def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
         """The weighted terms of the reward by name; all zero in the step in which the episode fails."""

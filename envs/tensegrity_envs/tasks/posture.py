@@ -5,50 +5,23 @@ from typing import Any
 
 from tensegrity_envs.mechanics.namespace import Component
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
-from tensegrity_envs.tasks.weights import PostureWeights, check_form
+from tensegrity_envs.tasks.base import Task
+from tensegrity_envs.tasks.weights import PostureWeights
 
 
-@dataclass(frozen=True)
-class Posture:
-    """Success and reward of changing posture.
+@dataclass(frozen=True, kw_only=True)
+class Posture(Task):
+    """Reward of changing posture.
 
     Attributes:
         span: scale of the joint distance [rad].
         margin: scale of the singularity margin: where it counts as far away [-].
-        tolerance: the goal is reached within this distance, in each angle [rad].
-        reward_type: "dense", or "sparse" (1 while at the goal, else 0).
         weights: of the dense reward.
     """
 
     span: float
     margin: float
-    tolerance: float = 0.02
-    reward_type: str = "dense"
     weights: PostureWeights = field(default_factory=PostureWeights)
-
-    def __post_init__(self) -> None:
-        """Validate.
-
-        Raises:
-            ValueError: an unknown reward type, or a tolerance that is not positive.
-        """
-        check_form(self.reward_type, self.tolerance)
-
-    def is_success(self, error: Component, state: State, episode: Episode) -> Component:
-        """Whether the configuration is within tolerance of the goal."""
-        return (error <= self.tolerance) & (state.failure == RUNNING)
-
-    def judge(self, xp: Any, error: Component, state: State) -> State:
-        """The state as it is."""
-        return state
-
-    def measures(self, state: State, episode: Episode) -> dict[str, Component]:
-        """Nothing besides success and error."""
-        return {}
-
-    def effort(self, state: State) -> Component:
-        """None: there are no inputs."""
-        return 0.0
 
     def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
         """The weighted terms of the reward by name; all zero in the step in which the episode fails."""

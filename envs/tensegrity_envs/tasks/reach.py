@@ -10,55 +10,23 @@ from typing import Any
 
 from tensegrity_envs.mechanics.namespace import Component, Components
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
-from tensegrity_envs.tasks.weights import ReachWeights, check_form
+from tensegrity_envs.tasks.base import Task
+from tensegrity_envs.tasks.weights import ReachWeights
 
 _FULL_MARGIN = 0.2
 
 
-@dataclass(frozen=True)
-class Reach:
-    """Goal, success and reward of a reaching task.
+@dataclass(frozen=True, kw_only=True)
+class Reach(Task):
+    """Reward of a reaching task.
 
     Attributes:
-        input_scale: scale of the effort [N or m].
         joint_span: scale of the joint distance [rad].
-        tolerance: the tip is on target within this distance [m].
-        reward_type: "dense", or "sparse" (1 while on target, else 0).
         weights: of the dense reward.
     """
 
-    input_scale: float
     joint_span: float
-    tolerance: float = 0.005
-    reward_type: str = "dense"
     weights: ReachWeights = field(default_factory=ReachWeights)
-
-    def __post_init__(self) -> None:
-        """Validate.
-
-        Raises:
-            ValueError: an unknown reward type, or a tolerance that is not positive.
-        """
-        check_form(self.reward_type, self.tolerance)
-
-    def is_success(self, error: Component, state: State, episode: Episode) -> Component:
-        """Whether the tip is within tolerance, in a stable and wrench-feasible state."""
-        return (error <= self.tolerance) & (state.failure == RUNNING)
-
-    def judge(self, xp: Any, error: Component, state: State) -> State:
-        """The state as it is: being away from the target is no failure."""
-        return state
-
-    def measures(self, state: State, episode: Episode) -> dict[str, Component]:
-        """Nothing besides success and error."""
-        return {}
-
-    def effort(self, state: State) -> Component:
-        """Mean over the inputs of (input / scale)^2."""
-        total: Component = 0.0
-        for f in state.inputs:
-            total = total + f * f
-        return total / (len(state.inputs) * self.input_scale**2)
 
     def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
         """The weighted terms of the reward by name; all zero in the step in which the episode fails.

@@ -99,15 +99,3 @@ class PostureWeights(Weights):
     potential: float = 1.0
     clearance: float = 0.1
     success: float = 0.5
-
-
-def check_form(reward_type: str, tolerance: float) -> None:
-    """Validate what all tasks have.
-
-    Raises:
-        ValueError: an unknown reward type, or a tolerance that is not positive.
-    """
-    if reward_type not in ("dense", "sparse"):
-        raise ValueError(f"reward_type = {reward_type!r}: must be 'dense' or 'sparse'")
-    if not (np.isfinite(tolerance) and tolerance > 0):
-        raise ValueError(f"tolerance = {tolerance!r}: must be positive")
