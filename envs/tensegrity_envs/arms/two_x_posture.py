@@ -21,11 +21,11 @@ _MAX_ATTEMPTS = 400
 
 
 @cache
-def _aspects_of(design: TwoXDesign) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+def _aspects_of(design: TwoXDesign) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray]:
     from tensegrity_envs.mechanics.singularity import aspects  # slow to import, and only needed here
 
     found = aspects(TwoX(design), 2 * math.pi, _FULL_TURN, _GRID)
-    return found.labels, found.axes
+    return found.labels, found.axes, np.array(found.signs)
 
 
 class JointPaths:
@@ -140,7 +140,7 @@ class TwoXPostureChange(Core):
             weights=PostureWeights.given(reward_weights),
         )
         self.reach = float(self.nominal.reach)
-        self._labels, self._axes = _aspects_of(design)
+        self._labels, self._axes, self._signs = _aspects_of(design)
         self.set_spaces(4 + 4 + 2 + 1, goal_bound=math.pi)
 
     def mechanism(self, design: TwoXDesign) -> TwoX:
@@ -153,7 +153,9 @@ class TwoXPostureChange(Core):
         for alpha, axis in zip(q, self._axes, strict=True):
             step = axis[1] - axis[0]
             places.append(np.rint((alpha - axis[0]) / step).astype(int) % len(axis))
-        return np.asarray(self._labels[places[0], places[1]])
+        label = np.asarray(self._labels[places[0], places[1]])
+        here = np.sign(self.simulation.height(self.nominal, q))
+        return np.where(self._signs[label] == here, label, -1)  # the nearest node may lie beyond a singularity
 
     def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
         """Starts uniform on the torus among those that have another inverse solution in their aspect."""
