@@ -153,7 +153,7 @@ def random_arms():
         yield b, limit
 
 
-@pytest.mark.parametrize(("b", "limit"), random_arms())
+@pytest.mark.parametrize(("b", "limit"), list(random_arms()))
 def test_regions_against_inverse_kinematics(b, limit):
     """Number and types of solutions at random points, and areas as Monte Carlo estimates."""
     arm = found(b, limit)
