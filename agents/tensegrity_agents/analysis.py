@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 import yaml
 from matplotlib.figure import Figure
 
@@ -283,7 +284,9 @@ def _showpiece(found: accessibility.Accessibility) -> tuple[float, float]:
     if most == len(found.mechanism.inverse_kinematics(0.0, l)):
         return 0.0, l
     part = max(found.parts(most), key=lambda polygon: polygon.centroid.y)
-    point = part.representative_point()
+    _, low, _, high = part.bounds
+    on_axis = part.intersection(shapely.LineString([(0, low), (0, high)]))
+    point = part.representative_point() if on_axis.is_empty else on_axis.interpolate(0.5, normalized=True)
     return float(point.x), float(point.y)
 
 

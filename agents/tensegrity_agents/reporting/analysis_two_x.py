@@ -394,7 +394,10 @@ def stable_sets(mechanism: TwoX, cloud: Cloud, joint_space: Traced, workspace: I
     left.scatter(*cloud.points[fold].T, s=7, color=_SINGULAR, linewidths=0, zorder=5)
     right.scatter(*cloud.tips[fold].T, s=7, color=_SINGULAR, linewidths=0, zorder=5)
     _workspace_axes(right, workspace.reachable.bounds)
-    left.set_title(f"SWFJ: {100 * joint_space.fraction:.3f}% of the square, {len(joint_space.components)} component(s)")
+    pieces = len(joint_space.components)
+    left.set_title(
+        f"SWFJ: {100 * joint_space.fraction:.3f}% of the square, in {pieces} piece{'s' if pieces > 1 else ''}"
+    )
     right.set_title(f"SWFW: {workspace.area():.5g} m², overlap {workspace.overlap:.5g} m²")
     handles = [
         Line2D([], [], marker="o", markersize=3, color=_POSITIVE, linewidth=1, label="det J > 0"),
