@@ -263,6 +263,12 @@ def _page_of_solutions(found: accessibility.Accessibility, folder: Path, name: s
     pieces = [
         piece for chain in found.singular for piece in (accessibility.wrapped(chain) if not found.limits else [chain])
     ]
+    limit = float(m.design.joint_limit)
+    still = []  # where the tip stays at the base
+    if not m.design.a and limit > math.pi:
+        for total in (-2 * math.pi, 2 * math.pi):
+            ends = np.array([max(-limit, total - limit), min(limit, total + limit)])
+            still.append(np.column_stack([ends, total - ends]))
     curves = {"flat": list(found.flat.values()), "limit": list(found.limits), "singular": list(found.singular)}
     write_page(
         folder / "browse.html",
@@ -270,8 +276,8 @@ def _page_of_solutions(found: accessibility.Accessibility, folder: Path, name: s
         m,
         found.by_count,
         {kind: [accessibility.tip_curve(m, chain) for chain in chains] for kind, chains in curves.items()},
-        {"singular": pieces},
-        float(m.design.joint_limit),
+        {"singular": pieces, "self-motion": still},
+        limit,
     )
 
 
