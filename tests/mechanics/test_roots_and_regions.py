@@ -192,7 +192,7 @@ def test_image_of_a_map_that_covers_twice():
         r, angle = q
         return r**2 * np.cos(2 * angle), r**2 * np.sin(2 * angle)
 
-    ring = Region(conditions, ("radius", "angle"), (0.3, -0.2), (1.2, 6.0)).trace(64, image=squared)
+    ring = Region(conditions, ("radius", "angle"), (0.3, -0.2), (1.2, 6.0)).trace(64, image=squared, finest=64)
     found = image({"sheet": ring}, squared)
     once = math.pi * (1 - 0.5**4) * (360 * 2 - 600) / 360
     twice = math.pi * (1 - 0.5**4) * (600 - 360) / 360
