@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 import yaml
 from matplotlib.figure import Figure
 
@@ -270,6 +271,12 @@ def _page_of_solutions(found: accessibility.Accessibility, folder: Path, name: s
     pieces = [
         piece for chain in found.singular for piece in (accessibility.wrapped(chain) if not found.limits else [chain])
     ]
+    limit = float(m.design.joint_limit)
+    still = []  # where the tip stays at the base
+    if not m.design.a and limit > math.pi:
+        for total in (-2 * math.pi, 2 * math.pi):
+            ends = np.array([max(-limit, total - limit), min(limit, total + limit)])
+            still.append(np.column_stack([ends, total - ends]))
     curves = {"flat": list(found.flat.values()), "limit": list(found.limits), "singular": list(found.singular)}
     write_page(
         folder / "browse.html",
@@ -277,8 +284,8 @@ def _page_of_solutions(found: accessibility.Accessibility, folder: Path, name: s
         m,
         found.by_count,
         {kind: [accessibility.tip_curve(m, chain) for chain in chains] for kind, chains in curves.items()},
-        {"singular": pieces},
-        float(m.design.joint_limit),
+        {"singular": pieces, "self-motion": still},
+        limit,
     )
 
 
@@ -291,7 +298,9 @@ def _showpiece(found: accessibility.Accessibility) -> tuple[float, float]:
     if most == len(found.mechanism.inverse_kinematics(0.0, l)):
         return 0.0, l
     part = max(found.parts(most), key=lambda polygon: polygon.centroid.y)
-    point = part.representative_point()
+    _, low, _, high = part.bounds
+    on_axis = part.intersection(shapely.LineString([(0, low), (0, high)]))
+    point = part.representative_point() if on_axis.is_empty else on_axis.interpolate(0.5, normalized=True)
     return float(point.x), float(point.y)
 
 

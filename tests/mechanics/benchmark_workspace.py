@@ -99,7 +99,7 @@ def main():
     ]
     table.add_row(
         f"sweep over {count} designs", f"{taken:.0f} s",
-        f"{count / taken:.1f} designs/s; largest error of fraction and area [m2] in {len(errors)}: {max(errors):.0e}",
+        f"{count / taken:.1f} designs/s; largest error of fraction and area (m2) in {len(errors)}: {max(errors):.0e}",
     )  # fmt: skip
     console.print(table)
 

@@ -25,6 +25,7 @@ from tensegrity_envs.mechanics.workspace import (
     STABILITY,
     boundary_cloud,
     stable_wrench_feasible_joint_space,
+    stable_wrench_feasible_size,
     stable_wrench_feasible_workspace,
     summary,
 )
@@ -114,6 +115,13 @@ def test_the_image_does_not_depend_on_the_grid():
     for one in (coarse, workspace_of(MURALIDHARAN2022)):
         assert abs(one.area() - fine.area()) < one.area_error + fine.area_error
         assert abs(one.overlap - fine.overlap) < one.area_error + fine.area_error
+
+
+@pytest.mark.parametrize("design", [MURALIDHARAN2022, *DESIGNS[:8]], ids=lambda d: f"b={d.b:.3f}")
+def test_the_fast_estimate(design):
+    size, exact = stable_wrench_feasible_size(TwoX(design)), workspace_of(design)
+    known = (traced_of(design).fraction, exact.area(), exact.overlap)
+    assert tuple(size) == pytest.approx(known, abs=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -24,6 +24,7 @@ from tensegrity_envs.mechanics.singularity import Aspects, PosturePath
 from tensegrity_envs.mechanics.two_x import InverseSolution, TwoX
 from tensegrity_envs.mechanics.workspace import CLIP, SINGULARITY, STABILITY, Cloud
 
+_FINE = 5e-5  # simplification of filled shapes, relative to their size: invisible in print
 _SINGULAR = "#7b3294"
 _PATH = "#d55e00"
 _COUNTS = {1: "#dbe7f3", 2: "#9ec3e0", 3: "#e69f00", 4: "#5b8fc0"}
@@ -61,9 +62,10 @@ def outline(geometry: Any) -> Outline | None:
 
 
 def _fill(axes: Axes, geometry: Any, colour: str, **kwargs: Any) -> None:
-    path = outline(geometry)
-    if path is not None:
-        axes.add_patch(PathPatch(path, facecolor=colour, **({"edgecolor": "none", "linewidth": 0} | kwargs)))
+    x0, y0, x1, y1 = geometry.bounds
+    path = outline(geometry.simplify(_FINE * max(x1 - x0, y1 - y0)))
+    if path is not None:  # not add_patch, which looks for the data's limits point by point; they are set anyway
+        axes.add_artist(PathPatch(path, facecolor=colour, **({"edgecolor": "none", "linewidth": 0} | kwargs)))
 
 
 def _panels(figure: Figure, count: int, **kwargs: Any) -> list[Axes]:
@@ -394,7 +396,10 @@ def stable_sets(mechanism: TwoX, cloud: Cloud, joint_space: Traced, workspace: I
     left.scatter(*cloud.points[fold].T, s=7, color=_SINGULAR, linewidths=0, zorder=5)
     right.scatter(*cloud.tips[fold].T, s=7, color=_SINGULAR, linewidths=0, zorder=5)
     _workspace_axes(right, workspace.reachable.bounds)
-    left.set_title(f"SWFJ: {100 * joint_space.fraction:.3f}% of the square, {len(joint_space.components)} component(s)")
+    pieces = len(joint_space.components)
+    left.set_title(
+        f"SWFJ: {100 * joint_space.fraction:.3f}% of the square, in {pieces} piece{'s' if pieces > 1 else ''}"
+    )
     right.set_title(f"SWFW: {workspace.area():.5g} m², overlap {workspace.overlap:.5g} m²")
     handles = [
         Line2D([], [], marker="o", markersize=3, color=_POSITIVE, linewidth=1, label="det J > 0"),

@@ -74,14 +74,14 @@ class TrainedPolicy:
 
 
 def policy_kwargs(
-    algorithm: str, net_arch: list[int], activation: str, goal_error_scales: list[float]
+    algorithm: str, net_arch: list[int], activation: str, goal_error_scales: list[float], goal_is_angles: bool = False
 ) -> dict[str, Any]:
     """Arguments of the SB3 policy class, from what the JSON file records."""
     return {
         "net_arch": list(net_arch),
         "activation_fn": _ACTIVATIONS[activation],
         "features_extractor_class": GoalErrorExtractor,
-        "features_extractor_kwargs": {"scales": tuple(goal_error_scales)},
+        "features_extractor_kwargs": {"scales": tuple(goal_error_scales), "angles": goal_is_angles},
     }
 
 
@@ -136,6 +136,7 @@ def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
         description = json.loads(description_file.read_text())
         wanted = description["env"], description["algorithm"], description["sha256"], description["format"]
         settings = [description[key] for key in ("net_arch", "activation", "goal_error_scales")]
+        settings.append(bool(description.get("goal_is_angles", False)))
         clip, epsilon = (float(description["normalization"][key]) for key in ("clip", "epsilon"))
         shapes, action_size = description["observation_shapes"], description["action_size"]
     except (ValueError, KeyError, TypeError) as error:

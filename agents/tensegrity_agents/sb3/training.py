@@ -24,7 +24,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
-from tensegrity_agents.config import Experiment
+from tensegrity_agents.config import Experiment, TrainConfig
 from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, policy_kwargs, save_policy
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
@@ -112,6 +112,7 @@ def train(
         "net_arch": settings.net_arch,
         "activation": settings.activation,
         "goal_error_scales": settings.goal_error_scales,
+        "goal_is_angles": settings.goal_is_angles,
         "seed": seed,
         "timesteps": model.num_timesteps,
         "training_seconds": round(time.monotonic() - begun, 1),
@@ -146,7 +147,7 @@ def _environment(experiment: Experiment) -> VecNormalize:
 
 def _model(experiment: Experiment, env: VecNormalize, seed: int) -> BaseAlgorithm:
     s = experiment.train
-    kwargs = policy_kwargs(s.algorithm, s.net_arch, s.activation, s.goal_error_scales)
+    kwargs = policy_kwargs(s.algorithm, s.net_arch, s.activation, s.goal_error_scales, s.goal_is_angles)
     if s.algorithm == "ppo":
         p = s.ppo
         rollout = p.n_steps * p.num_envs
@@ -246,7 +247,9 @@ def _restore(
     """Read a checkpoint into model and environment: (seconds, segment, learning curve so far)."""
     try:
         content = torch.load(path, weights_only=True)
-        before = content["described"]
+        # Settings that came later had their default then.
+        later = {key: field.default for key, field in TrainConfig.model_fields.items() if not field.is_required()}
+        before = {key: later[key] for key in described if key in later} | content["described"]
     except Exception as error:
         raise TrainingError(
             f"{path} cannot be read as a checkpoint ({error}); delete it (or use --fresh) to start anew"

@@ -127,11 +127,11 @@ class Region:
 
     # ------------------------------------------------------------------------------------------------------ slices
 
-    def slices(self, fixed: int, values: Any, samples: int = 257) -> list[list[Interval]]:
+    def slices(self, fixed: int, values: Any, samples: int = 129) -> list[list[Interval]]:
         """All intervals of the region on lines along one coordinate.
 
         Sampled, with a search for sign changes between samples (`roots.hidden_sign_changes`), then every end is
-        found to the last bits. An interval is missed only if its whole hump lies between two samples that do not
+        found to the last bits. An interval is missed only if it lies between two samples that do not
         rise towards it.
 
         Args:
@@ -201,7 +201,7 @@ class Region:
             for found in ends
         ]
 
-    def scan(self, lines: int = 50, samples: int = 257) -> BoundaryPoints:
+    def scan(self, lines: int = 50, samples: int = 129) -> BoundaryPoints:
         """Boundary points on equally spaced grid lines in both directions, as a cloud.
 
         Args:

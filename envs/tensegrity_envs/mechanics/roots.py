@@ -10,7 +10,7 @@ _GOLDEN = (np.sqrt(5.0) - 1) / 2
 def bracketed_roots(
     f: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray, iterations: int = 60
 ) -> np.ndarray:
-    """A root of each component of f between `low` and `high`, where f has opposite signs, to the last bits.
+    """A root of each component of f between `low` and `high`, where f has opposite signs, to the last bits of f.
 
     Chandrupatla's method [Advances in Engineering Software 28(3), 1997]: inverse quadratic interpolation where it is
     safe, bisection elsewhere, so that kinks (the smaller of two margins) do no harm.

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import shapely
+from scipy.ndimage import maximum_filter
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -25,8 +26,10 @@ from tensegrity_envs.mechanics.regions import Map, Region
 Scalar = Callable[[Any], Any]  # (q1, q2) -> value, elementwise
 Box = tuple[tuple[float, float], tuple[float, float]]
 
+_LONGEST = 0.05  # [rad] between samples of a segment
 _STENCIL = 2e-3  # [rad] five-point differences: their truncation and rounding errors are both about 1e-13
 _NEWTON = 40
+_SAFETY = 1.5  # second derivatives between samples may be larger than at them by this factor
 
 
 class Planar(Protocol):
@@ -178,7 +181,7 @@ def nodes(mechanism: Planar, curves: Sequence[np.ndarray], f: Scalar | None = No
 
 def _newton(f: Callable[[np.ndarray], np.ndarray], q: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
     """Newton's method for many starting points, shape (n, d); the points, and whether each converged nearby."""
-    start, h = q.copy(), 1e-5
+    start, h = q.copy(), 1e-4
     length = np.full(len(q), np.inf)
     for _ in range(_NEWTON):
         value = f(q)
@@ -189,7 +192,8 @@ def _newton(f: Callable[[np.ndarray], np.ndarray], q: np.ndarray, longest: float
         if length.max() < 1e-13:
             break
     near = np.linalg.norm(q - start, axis=1) < 4 * longest
-    return q, near & (length < 1e-9) & (np.abs(f(q)).max(axis=1) < 1e-9)
+    # At a cusp the tip moves with the square of the distance from it, so that 1e-7 is more than enough.
+    return q, near & (length < 1e-7) & (np.abs(f(q)).max(axis=1) < 1e-9)
 
 
 # ------------------------------------------------------------------------------------------- aspects, posture changes
@@ -199,13 +203,13 @@ def _newton(f: Callable[[np.ndarray], np.ndarray], q: np.ndarray, longest: float
 class _Grid:
     """Nodes of a joint space, which of them may be joined, and f there.
 
-    Two neighbours are joined only where f provably keeps its sign between them: on a segment of length d it cannot fall
-    below the smaller end value by more than `curvature` d^2 / 8.
+    Two neighbours are joined only where f keeps its sign between them: on a segment of length d it cannot fall below
+    the smaller end value by more than c d^2 / 8, with c a bound of its second derivatives.
     """
 
     axes: tuple[np.ndarray, np.ndarray]
     values: np.ndarray
-    curvature: float
+    curvature: np.ndarray  # such a bound around each node
     period: float | None
 
     @property
@@ -222,7 +226,8 @@ class _Grid:
             other = np.roll(index, (-i, -j), axis=(0, 1))
             length = math.hypot(i * h1, j * h2)
             v, w = self.values, self.values.ravel()[other]
-            good = (np.sign(v) == np.sign(w)) & (np.minimum(np.abs(v), np.abs(w)) > self.curvature * length**2 / 8)
+            bound = np.maximum(self.curvature, self.curvature.ravel()[other])
+            good = (np.sign(v) == np.sign(w)) & (np.minimum(np.abs(v), np.abs(w)) > bound * length**2 / 8)
             if self.period is None:
                 if i:
                     good[-1:, :] = False
@@ -238,15 +243,18 @@ def _grid(f: Scalar, limit: float, period: float | None, resolution: int) -> _Gr
     if period is not None:
         axis = -period / 2 + period / resolution * (np.arange(resolution) + 0.5)
     values = np.asarray(f((axis[:, None] + 0 * axis, axis + 0 * axis[:, None])))
-    # Largest second derivative in any direction, from differences at the nodes; a quarter more for what lies between.
+    local = _curvature(f, np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=2))
+    around = maximum_filter(local, size=3, mode="wrap" if period is not None else "nearest")
+    return _Grid((axis, axis), values, _SAFETY * around, period)
+
+
+def _curvature(f: Scalar, q: np.ndarray) -> np.ndarray:
+    """Largest second derivative of f in any direction, by differences, at configurations of shape (..., 2)."""
     h = 1e-3
-    q1, q2 = np.meshgrid(axis, axis, indexing="ij")
-    d11 = (np.asarray(f((q1 + h, q2))) - 2 * values + np.asarray(f((q1 - h, q2)))) / h**2
-    d22 = (np.asarray(f((q1, q2 + h))) - 2 * values + np.asarray(f((q1, q2 - h)))) / h**2
-    corners = [np.asarray(f((q1 + i * h, q2 + j * h))) * i * j for i in (1, -1) for j in (1, -1)]
-    d12 = sum(corners) / (4 * h**2)
-    curvature = 1.25 * float((np.abs(d11 + d22) / 2 + np.hypot((d11 - d22) / 2, d12)).max())
-    return _Grid((axis, axis), values, curvature, period)
+    value = {(i, j): np.asarray(f((q[..., 0] + i * h, q[..., 1] + j * h))) for i in (-1, 0, 1) for j in (-1, 0, 1)}
+    d11, d22 = (value[step] - 2 * value[0, 0] + value[-step[0], -step[1]] for step in ((1, 0), (0, 1)))
+    d12 = (value[1, 1] - value[1, -1] - value[-1, 1] + value[-1, -1]) / 4
+    return np.asarray(np.abs(d11 + d22) / 2 + np.hypot((d11 - d22) / 2, d12)) / h**2
 
 
 @dataclass(frozen=True)
@@ -329,8 +337,8 @@ def posture_change(
     """A path from start to goal that never meets det J = 0.
 
     The cheapest path on a grid of the joint space, where being close to a singularity costs; shortened where safe.
-    Every piece of it is checked with a bound of det J's second derivatives (from samples, with a margin of a quarter):
-    between its ends det J cannot reach zero.
+    Every piece of it is checked with second derivatives of det J (from samples, with a margin of a half): between its
+    ends det J cannot reach zero. Where no path is found the grid is made twice as fine, twice.
 
     Args:
         mechanism: planar.
@@ -338,7 +346,7 @@ def posture_change(
         limit: |q_i| <= limit along the path [rad].
         period: of the joint angles [rad] where they can turn full circle, instead of the limit.
         longest_step: between neighbouring points of the path [rad], in each angle.
-        resolution: of the grid along each angle.
+        resolution: of the grid along each angle, to begin with.
 
     Raises:
         ValueError: start or goal is singular or outside the limits, or they are in different aspects (or the way
@@ -361,31 +369,16 @@ def posture_change(
     def height(q: Any) -> Any:
         return sign * f(q)
 
-    grid = _grid(height, limit, period, resolution)
-    leads = [_climb(height, q, grid) for q in ends]
-    first, second, length = grid.edges()
-    flat = grid.values.ravel()
-    up = (flat[first] > 0) & (flat[second] > 0)
-    first, second, length = first[up], second[up], length[up]
-    wanted = 0.1 * flat.max()
-    cost = length * (1 + wanted / flat[first] + wanted / flat[second])
-    first_node, last_node = (_nearest(height, lead[-1], grid) for lead in leads)
-    if first_node is None or last_node is None:
-        raise ValueError("start or goal lies in a pocket between singularities that the grid cannot see: refine it")
-    graph = coo_array((cost, (first, second)), shape=(flat.size, flat.size)).tocsr()
-    distance, before = dijkstra(graph, directed=False, indices=np.array([first_node]), return_predecessors=True)
-    if not np.isfinite(distance[0, last_node]):
+    for finer in (1, 2, 4):
+        points = _way(height, ends, _grid(height, limit, period, finer * resolution))
+        if points is not None:
+            break
+    else:
         raise ValueError("start and goal are in different aspects: no way between them without a singularity was found")
-    way = [last_node]
-    while way[-1] != first_node:
-        way.append(int(before[0, way[-1]]))
-    n = resolution
-    middle = np.array([[grid.axes[0][k // n], grid.axes[1][k % n]] for k in reversed(way)])
-    points = np.concatenate([leads[0], middle, leads[1][::-1]])
     if period is not None:  # continuous instead of wrapped
         jumps = np.diff(points, axis=0)
         points[1:] = points[0] + np.cumsum(jumps - period * np.round(jumps / period), axis=0)
-    points = _shorten(height, points, grid.curvature)
+    points = _shorten(height, points)
     pieces = [points[:1]]
     for p, q in itertools.pairwise(points):
         count = max(1, math.ceil(float(np.abs(q - p).max()) / longest_step))
@@ -395,29 +388,61 @@ def posture_change(
     return PosturePath(path, np.stack(mechanism.tip((q1, q2)), axis=1), np.asarray(f((q1, q2))))
 
 
-def is_free(f: Scalar, p: np.ndarray, q: np.ndarray, curvature: float, floor: float = 0.0) -> bool:
-    """Whether f > floor on the whole segment from p to q, given a bound of its second derivative in any direction."""
+def _way(f: Scalar, ends: list[np.ndarray], grid: _Grid) -> np.ndarray | None:
+    """The cheapest way over nodes of the grid where f > 0, ends included; None where there is none."""
+    leads = [_climb(f, q, grid) for q in ends]
+    start, goal = (_nearest(f, lead[-1], grid) for lead in leads)
+    if start is None or goal is None:
+        return None
+    first, second, length = grid.edges()
+    values = grid.values.ravel()
+    up = (values[first] > 0) & (values[second] > 0)
+    first, second, length = first[up], second[up], length[up]
+    wanted = 0.1 * values.max()
+    cost = length * (1 + (wanted / values[first]) ** 2 + (wanted / values[second]) ** 2)
+    graph = coo_array((cost, (first, second)), shape=(values.size, values.size)).tocsr()
+    distance, before = dijkstra(graph, directed=False, indices=np.array([start]), return_predecessors=True)
+    if not np.isfinite(distance[0, goal]):
+        return None
+    way = [goal]
+    while way[-1] != start:
+        way.append(int(before[0, way[-1]]))
+    n = len(grid.axes[1])
+    middle = np.array([[grid.axes[0][k // n], grid.axes[1][k % n]] for k in reversed(way)])
+    return np.concatenate([leads[0], middle, leads[1][::-1]])
+
+
+def is_free(f: Scalar, p: np.ndarray, q: np.ndarray, floor: float = 0.0) -> bool:
+    """Whether f > floor on the whole segment from p to q.
+
+    By samples, and second derivatives at the samples for what lies between: thorough, not a proof.
+    """
     length = float(np.hypot(*(q - p)))
-    for count in (1, 4, 16, 64, 256):
-        t = np.linspace(0, 1, count + 1)[:, None]
-        values = np.asarray(f(_components(p + t * (q - p))))
+    count = max(4, math.ceil(length / _LONGEST))
+    for _ in range(5):
+        points = p + np.linspace(0, 1, count + 1)[:, None] * (q - p)
+        values = np.asarray(f(_components(points)))
         if values.min() <= floor:
             return False
-        if (np.minimum(values[1:], values[:-1]) - curvature * (length / count) ** 2 / 8 > floor).all():
+        bend = _SAFETY * _curvature(f, points)
+        drop = np.maximum(bend[1:], bend[:-1]) * (length / count) ** 2 / 8
+        if (np.minimum(values[1:], values[:-1]) - drop > floor).all():
             return True
+        count *= 4
     return False
 
 
 def _climb(f: Scalar, q: np.ndarray, grid: _Grid) -> np.ndarray:
     """From q uphill, in safe steps, until f is large enough for the grid; the points on the way."""
-    enough = grid.curvature * (grid.steps[0] ** 2 + grid.steps[1] ** 2)
+    longest = grid.steps[0] ** 2 + grid.steps[1] ** 2
     points = [q]
     for _ in range(200):
         value = float(np.asarray(f((points[-1][:1], points[-1][1:])))[0])
-        if value > enough:
+        curvature = _SAFETY * float(_curvature(f, points[-1])) + 1e-9
+        if value > curvature * longest:
             break
         slope = gradient(f, points[-1])
-        step = min(0.5 * min(grid.steps), math.sqrt(2 * value / grid.curvature))
+        step = min(0.5 * min(grid.steps), math.sqrt(2 * value / curvature))
         points.append(points[-1] + slope * step / max(float(np.hypot(*slope)), 1e-300))
         if grid.period is None:
             points[-1] = np.clip(points[-1], grid.axes[0][0], grid.axes[0][-1])
@@ -437,21 +462,21 @@ def _nearest(f: Scalar, q: np.ndarray, grid: _Grid) -> int | None:
         if grid.period is None and not (0 <= i < n and 0 <= j < n):
             continue
         node = np.array([grid.axes[0][0] + i * grid.steps[0], grid.axes[1][0] + j * grid.steps[1]])
-        if grid.values[i % n, j % n] > 0 and is_free(f, q, node, grid.curvature):
+        if grid.values[i % n, j % n] > 0 and is_free(f, q, node):
             return int((i % n) * n + j % n)
     return None
 
 
-def _shorten(f: Scalar, points: np.ndarray, curvature: float) -> np.ndarray:
-    """Straight lines instead of detours, where f stays above half of its least value there (or its largest tenth)."""
+def _shorten(f: Scalar, points: np.ndarray) -> np.ndarray:
+    """Straight lines instead of detours, where f stays close to its least value there, or to a tenth of its largest."""
     height = np.asarray(f(_components(points)))
     top = 0.1 * float(height.max())
     kept, i = [0], 0
     while i < len(points) - 1:
         j = len(points) - 1
         while j > i + 1:
-            floor = 0.5 * min(float(height[i : j + 1].min()), top)
-            if is_free(f, points[i], points[j], curvature, floor):
+            floor = 0.8 * min(float(height[i : j + 1].min()), top)
+            if is_free(f, points[i], points[j], floor):
                 break
             j = i + max(1, (j - i) // 2) if j - i > 64 else j - 1
         kept.append(j)
