@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from tensegrity_agents.controllers import two_x
+from tensegrity_agents.controllers import dual_triangle, two_x
 from tensegrity_agents.controllers.random import RandomController
 from tensegrity_envs.core import Core
 
@@ -21,6 +21,14 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
         "pseudo_inverse": two_x.PseudoInverse,
         "observer": two_x.Observer,
         "oracle": two_x.Oracle,
+    },
+    "DualTriangleReach": {
+        "closed_form_sum": dual_triangle.ClosedFormSum,
+        "closed_form_max": dual_triangle.ClosedFormMax,
+        "closed_form_squares": dual_triangle.ClosedFormSquares,
+        "pseudo_inverse": dual_triangle.PseudoInverse,
+        "observer": dual_triangle.Observer,
+        "oracle": dual_triangle.Oracle,
     },
 }
 
