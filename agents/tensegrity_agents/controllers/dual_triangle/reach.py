@@ -16,6 +16,7 @@ from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDe
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
 from tensegrity_envs.simulation import Episode
 
+_POSTURES = np.random.default_rng(0).uniform(-1.0, 1.0, (400, 3))  # of the joint limits
 _STEPS = 100  # planned ahead; afterwards the last inputs are held
 
 
@@ -26,13 +27,32 @@ class Memory(NamedTuple):
         plan: control inputs after each step, shape (n, steps, 3) [m].
         step: of the episode, shape (n,).
         commanded: configuration that the inputs stand for, shape (n, 3) [rad].
-        integral: of the tip error, shape (n, 2) [m].
+        least: distance of the tip from the target since the last new start, shape (n,) [m].
+        waited: steps in which it did not fall, shape (n,).
+        restart_at: posture that is tried next, shape (n, 3) [rad].
+        crossing: whether the arm is on its way there, shape (n,).
     """
 
     plan: np.ndarray
     step: np.ndarray
     commanded: np.ndarray
-    integral: np.ndarray
+    least: np.ndarray
+    waited: np.ndarray
+    restart_at: np.ndarray
+    crossing: np.ndarray
+
+
+def _nothing(n: int) -> Memory:
+    """The memory of n environments in which nothing has happened yet."""
+    return Memory(
+        np.zeros((n, _STEPS, 3)),
+        np.zeros(n, int),
+        np.zeros((n, 3)),
+        np.full(n, np.inf),
+        np.zeros(n, int),
+        np.zeros((n, 3)),
+        np.zeros(n, bool),
+    )
 
 
 class ReachController:
@@ -72,15 +92,15 @@ class ReachController:
         n = len(reading.tip)
         fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
         if state is None:
-            zeros = np.zeros((n, 3))
-            state = Memory(np.zeros((n, _STEPS, 3)), np.zeros(n, int), zeros, np.zeros((n, 2)))
+            state = _nothing(n)
         memory = Memory(*(np.array(part) for part in state))
         if fresh.any():
             index = np.flatnonzero(fresh)
             part = reading.take(index)
             start = self._start(part)
-            memory.plan[index], memory.commanded[index] = self._plan(part, start, index), start
-            memory.step[index], memory.integral[index] = 0, 0.0
+            new = _nothing(len(index))._replace(plan=self._plan(part, start, index), commanded=start)
+            for old, value in zip(memory, new, strict=True):
+                old[index] = value
         return self._act(reading, memory)
 
     def _start(self, reading: Reading) -> np.ndarray:
@@ -142,20 +162,27 @@ class ClosedFormSquares(ClosedForm):
 
 
 class PseudoInverse(ReachController):
-    """Resolved rate: joint steps by the damped pseudo-inverse of the Jacobian [Zhao2021, Eq. 16], with feedback and
-    integral action on the tip error.
+    """Resolved rate: joint steps by the damped pseudo-inverse of the Jacobian [Zhao2021, Eq. 16], with feedback of the
+    tip error.
 
-    The commanded configuration is moved by these steps, which makes up for an unknown load as long as the nominal
-    Jacobian points the right way; the inputs are those of the unloaded control law there. Joints near their limits are
-    taken out of the Jacobian gradually (weighted least norm), and the rest of the freedom moves them away from there.
+    The commanded configuration is moved by these steps: that is integral action, which makes up for an unknown load as
+    long as the nominal Jacobian points the right way; the inputs are those of the unloaded control law there. Joints that run into their
+    limits are taken out of the Jacobian gradually (weighted least norm), and the rest of the freedom moves all towards
+    the middle. Where the error stops falling, at joint limits, the arm goes over to another posture, that of a fixed
+    table whose tip is nearest to the target, and tries from there.
     """
 
     knows = "the nominal design; feedback of the tip error"
     gain = 0.5
-    integral_gain = 0.02
     damping = 0.02  # [m/rad]
+    zone = 0.5  # [rad]: so near to its limit a joint moves less
     centring = 0.1
-    largest_step = 0.1  # of a joint [rad]
+    fade = 0.02  # [m]
+    largest_step = 0.1  # of a joint by the pseudo-inverse [rad]
+    largest_turn = 0.2  # of a joint while crossing over [rad]
+    patience = 8  # steps without progress
+    spread = 0.85  # of the postures of the table, as a share of the joint limit
+    apart = 0.6  # so different the next posture is, in one joint at least [rad]
 
     def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
         return np.zeros((len(start), _STEPS, 3))
@@ -163,25 +190,53 @@ class PseudoInverse(ReachController):
     def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
         q, limit = memory.commanded, self.joint_limit
         error = reading.target - reading.tip
-        close = np.hypot(*error.T)[:, None] < 0.05  # the integral is to remove what is left
-        integral = np.where(close, memory.integral + error, 0.0)
-        wanted = self.gain * error + self.integral_gain * integral
-        jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
-        # A joint that is near its limit moves less; on the limit, not at all.
-        weight = np.clip((limit - np.abs(q)) / 0.2, 0.0, 1.0)
-        away = -np.sign(q) * (1.0 - weight)
-        inner = np.einsum("nij,nj,nkj->nik", jacobian, weight, jacobian) + self.damping**2 * np.eye(2)
-        inverse = np.einsum("nj,nij,nik->njk", weight, jacobian, np.linalg.inv(inner))
-        step = np.einsum("njk,nk->nj", inverse, wanted)
-        centre = self.centring * (away - 0.1 * q)
-        step += centre - np.einsum("njk,nkl,nl->nj", inverse, jacobian, centre)
-        step *= np.minimum(1.0, self.largest_step / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
-        goal = np.clip(q + step, -limit, limit)
-        change = np.stack(self.nominal.control(tuple(goal.T)), axis=1) - reading.inputs
+        memory = self._watch(reading, np.hypot(*error.T), memory)
+        step = self._resolved_rate(q, self.gain * error)
+        goal = np.clip(np.where(memory.crossing[:, None], memory.restart_at, q + step), -limit, limit)
+        gap = goal - q
+        gap = gap * np.minimum(1.0, self.largest_turn / np.maximum(np.abs(gap).max(axis=1, keepdims=True), 1e-12))
+        change = np.stack(self.nominal.control(tuple((q + gap).T)), axis=1) - reading.inputs
         share = 1.0 / np.maximum(np.abs(change).max(axis=1, keepdims=True) / self.rate, 1.0)
-        action = share * change / self.rate
-        commanded = q + share * (goal - q)
-        return action, memory._replace(commanded=commanded, integral=integral, step=memory.step + 1)
+        commanded = q + share * gap
+        return share * change / self.rate, memory._replace(commanded=commanded, step=memory.step + 1)
+
+    def _resolved_rate(self, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Joint steps (n, 3) [rad] for wanted tip steps (n, 2) [m]."""
+        jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
+        near = np.clip((self.joint_limit - np.abs(q)) / self.zone, 0.0, 1.0)
+        weight = np.ones_like(q)
+        for _ in range(2):  # a joint that is about to run into its limit moves less; on the limit, not at all
+            inner = np.einsum("nij,nj,nkj->nik", jacobian, weight, jacobian) + self.damping**2 * np.eye(2)
+            inverse = np.einsum("nj,nij,nik->njk", weight, jacobian, np.linalg.inv(inner))
+            step = np.einsum("njk,nk->nj", inverse, wanted)
+            weight = np.where(step * q > 0, near, 1.0)
+        # Damping lets some of the centring through to the tip: it fades away near the target.
+        centre = -self.centring * np.minimum(1.0, np.hypot(*wanted.T)[:, None] / self.fade) * q
+        step += centre - np.einsum("njk,nkl,nl->nj", inverse, jacobian, centre)
+        return np.asarray(
+            step * np.minimum(1.0, self.largest_step / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
+        )
+
+    def _watch(self, reading: Reading, distance: np.ndarray, memory: Memory) -> Memory:
+        """Begin to cross over to another posture where there was no progress, and end it there."""
+        q, limit = memory.commanded, self.joint_limit
+        progress = (distance < 0.98 * memory.least) | (distance <= self.core.task.tolerance)
+        waited = np.where(progress, 0, memory.waited + 1)
+        stuck = (waited > self.patience) & (np.abs(q).max(axis=1) > limit - 0.1) & ~memory.crossing
+        table = self.spread * limit * _POSTURES
+        tips = np.stack(self.nominal.tip(tuple(table.T)), axis=1)
+        away = np.linalg.norm(reading.target[:, None] - tips, axis=2)
+        away += np.where(np.abs(table - q[:, None]).max(axis=2) < self.apart, np.inf, 0.0)
+        restart_at = np.where(stuck[:, None], table[away.argmin(axis=1)], memory.restart_at)
+        there = np.abs(restart_at - q).max(axis=1) < 1e-3
+        crossing = (memory.crossing | stuck) & ~there
+        restart = crossing | (memory.crossing & ~crossing)
+        return memory._replace(
+            waited=np.where(restart, 0, waited),
+            least=np.where(restart, np.inf, np.minimum(memory.least, distance)),
+            restart_at=restart_at,
+            crossing=crossing,
+        )
 
 
 class Observer(ReachController):
