@@ -30,6 +30,12 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
         "observer": dual_triangle.Observer,
         "oracle": dual_triangle.Oracle,
     },
+    "DualTrianglePush": {
+        "closed_form": dual_triangle.HoldInputs,
+        "pseudo_inverse": dual_triangle.PushPseudoInverse,
+        "observer": dual_triangle.PushObserver,
+        "oracle": dual_triangle.PushOracle,
+    },
 }
 
 

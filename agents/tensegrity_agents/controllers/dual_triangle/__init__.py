@@ -1,5 +1,6 @@
 """Analytic controllers of the dual-triangle arm."""
 
+from tensegrity_agents.controllers.dual_triangle.push import HoldInputs, PushObserver, PushOracle, PushPseudoInverse
 from tensegrity_agents.controllers.dual_triangle.reach import (
     ClosedFormMax,
     ClosedFormSquares,
@@ -9,4 +10,15 @@ from tensegrity_agents.controllers.dual_triangle.reach import (
     PseudoInverse,
 )
 
-__all__ = ["ClosedFormMax", "ClosedFormSquares", "ClosedFormSum", "Observer", "Oracle", "PseudoInverse"]
+__all__ = [
+    "ClosedFormMax",
+    "ClosedFormSquares",
+    "ClosedFormSum",
+    "HoldInputs",
+    "Observer",
+    "Oracle",
+    "PseudoInverse",
+    "PushObserver",
+    "PushOracle",
+    "PushPseudoInverse",
+]

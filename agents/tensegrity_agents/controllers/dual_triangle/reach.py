@@ -176,11 +176,11 @@ class PseudoInverse(ReachController):
     gain = 0.5
     damping = 0.02  # [m/rad]
     zone = 0.5  # [rad]: so near to its limit a joint moves less
-    centring = 0.1
-    fade = 0.02  # [m]
+    centring = 0.2
+    fade = 0.03  # [m]
     largest_step = 0.1  # of a joint by the pseudo-inverse [rad]
     largest_turn = 0.2  # of a joint while crossing over [rad]
-    patience = 8  # steps without progress
+    patience = 5  # steps without progress
     spread = 0.85  # of the postures of the table, as a share of the joint limit
     apart = 0.6  # so different the next posture is, in one joint at least [rad]
 

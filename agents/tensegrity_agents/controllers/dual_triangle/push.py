@@ -1,0 +1,279 @@
+"""The analytic controllers that hold the tip of the dual-triangle arm against a growing force.
+
+The literature offers none. What can be done is to make the arm stiff (co-contraction), to choose the posture on the
+self-motion curve that withstands most, and to correct the inputs for the load that the joint angles reveal.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_agents.controllers.dual_triangle.identification import explain
+from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
+from tensegrity_agents.controllers.dual_triangle.stiffening import Loop, hold, withstood
+from tensegrity_envs.core import Core
+from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
+from tensegrity_envs.simulation import Episode
+
+_PLACES = 180  # on the self-motion curve
+_SHARES = np.array([1.0, 0.7, 0.5, 0.35, 0.2, 0.1, 0.05, 0.0])
+
+
+class Memory(NamedTuple):
+    """What a controller carries from step to step, for n environments.
+
+    Attributes:
+        step: of the episode, shape (n,).
+        commanded: configuration that the inputs stand for, shape (n, 3) [rad].
+        load: estimated a step ago, shape (n, 2) [N].
+        goal: place on the self-motion curve to go to, shape (n,).
+        way: the sense in which to go there, +-1, shape (n,).
+        offset: of the tip from the target to go to, shape (n, 2) [m].
+    """
+
+    step: np.ndarray
+    commanded: np.ndarray
+    load: np.ndarray
+    goal: np.ndarray
+    way: np.ndarray
+    offset: np.ndarray
+
+
+class PushController:
+    """What the controllers of this task share.
+
+    Args:
+        core: of the environment.
+    """
+
+    wants_privileged = False
+    knows = ""
+
+    def __init__(self, core: Core) -> None:
+        self.core = core
+        self.rate = core.simulation.rate
+        self.privileged: Episode | None = None
+        self._take(core.design)
+
+    def _take(self, design: DualTriangleDesign) -> None:
+        simulation: Any = self.core.simulation
+        self.nominal = DualTriangle(design, self.core.nominal.segments)
+        low, high = simulation.bounds(self.nominal)
+        self.bounds = float(low), float(high)
+
+    def begin_episodes(self, mask: np.ndarray, design: DualTriangleDesign, privileged: Episode | None = None) -> None:
+        """Take the nominal design and, if this controller asks for it, the true episodes."""
+        self._take(design)
+        self.privileged = privileged
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Memory]:
+        """Actions (n, 6) for a batch of n observations."""
+        reading = read(observation, self.core)
+        n = len(reading.tip)
+        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        q = reading.configuration
+        if q is None:
+            q = explain(self.nominal, reading.tip, reading.inputs).configuration
+        new = Memory(np.zeros(n, int), q, np.zeros((n, 2)), np.zeros(n), np.ones(n), np.zeros((n, 2)))
+        if state is None:
+            state = new
+        memory = Memory(
+            *(np.where(fresh.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(new, state, strict=True))
+        )
+        action, memory = self._act(reading, q, memory)
+        return np.clip(action, -1.0, 1.0), memory._replace(step=memory.step + 1)
+
+    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """Actions (n, 6) for configurations (n, 3) [rad]."""
+        raise NotImplementedError
+
+
+class HoldInputs(PushController):
+    """The closed form's inputs for the unloaded arm, with which an episode begins, are kept."""
+
+    knows = "the nominal design; no feedback"
+
+    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        return np.zeros_like(reading.inputs), memory
+
+
+class PushPseudoInverse(PushController):
+    """Resolved rate: the commanded configuration moves by the damped pseudo-inverse of the tip error; its inputs are
+    those of the unloaded control law.
+    """
+
+    knows = "the nominal design; feedback of the tip error"
+    gain = 0.5
+    damping = 0.005  # [m/rad]
+
+    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        aim = reading.tip + self.gain * (reading.target - reading.tip)
+        step = np.stack(self.nominal.moore_penrose_step(tuple(q.T), *aim.T, self.damping), axis=1)
+        limit = float(self.nominal.design.joint_limit)
+        commanded = np.clip(memory.commanded + step, -limit, limit)
+        lengths = np.stack(self.nominal.free_lengths(self.nominal.control(tuple(commanded.T))), axis=1)
+        return (lengths - reading.inputs) / self.rate, memory._replace(commanded=commanded)
+
+
+class PushObserver(PushController):
+    """Estimates the load from the joint angles, corrects the inputs for the load to come, co-contracts as far as the
+    bounds allow, and moves along the self-motion curve to the posture that withstands the largest load.
+
+    From the first change of the load it takes direction and growth, which it assumes to stay. The target's tolerance is
+    used, too: the tip goes to the point within it that withstands most. In every step, of all combinations of a share
+    of the way along the curve and a share of the remaining stiffening, it takes one that the rates allow and that is
+    stable under the load to come.
+    """
+
+    knows = "the nominal design; estimates the load from the joint angles, checks stability"
+    largest_turn = 0.15  # along the curve in one step
+    share_of_tolerance = 0.93
+    safe = 0.02  # stability margin beyond which no more is asked for
+    refinements = 10
+
+    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        load = np.stack(self.nominal.estimate_load(tuple(q.T), tuple(reading.inputs.T)), axis=1)
+        growth = self._growth(load, memory)
+        begins = np.flatnonzero(self._plans_now(memory))
+        if len(begins):
+            plan = self._plan(reading.target[begins], q[begins], growth[begins])
+            memory = Memory(*(np.array(part) for part in memory))
+            memory.goal[begins], memory.way[begins], memory.offset[begins] = plan
+        moves = memory.step >= self._first_move
+        return self._step(reading, q, load + growth, moves, memory), memory._replace(load=load)
+
+    _first_move = 1  # step; before, the direction of the load is not known
+
+    def _growth(self, load: np.ndarray, memory: Memory) -> np.ndarray:
+        """What the load will grow by in the next step [N], (n, 2)."""
+        return np.where(memory.step[:, None] > 0, load - memory.load, 0.0)
+
+    def _plans_now(self, memory: Memory) -> np.ndarray:
+        return memory.step == self._first_move
+
+    def _plan(
+        self, target: np.ndarray, q: np.ndarray, growth: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where on the self-motion curve to go, in which sense, and with which offset of the tip."""
+        n, arm = len(target), self.nominal
+        speed = np.maximum(np.hypot(*growth.T), 1e-12)
+        unit = growth / speed[:, None]
+        largest = 4 * self.core.critical_load  # type: ignore[attr-defined]
+        places = np.arange(_PLACES) * (2 * np.pi / _PLACES)
+        table = Loop(arm, tuple(np.repeat(target, _PLACES, axis=0).T)).at(np.tile(places, n)).reshape(3, n, _PLACES)
+        direction = unit[:, :1], unit[:, 1:]
+        strength = withstood(arm, self.bounds, table, direction, largest)
+        half = self.core.critical_load / 2  # type: ignore[attr-defined]
+        lengths = np.stack(hold(arm, self.bounds, table, (half * direction[0], half * direction[1])).free_lengths)
+        steps = np.abs(np.roll(lengths, -1, axis=2) - lengths).max(axis=0) / self.rate + 0.02
+        first = np.rint(Loop(arm, tuple(target.T)).place(q.T) / (2 * np.pi) * _PLACES).astype(int) % _PLACES
+        rows = np.arange(n)[:, None]
+        best, goal, way = np.full(n, -np.inf), np.zeros(n, int), np.ones(n)
+        for sense in (1, -1):
+            order = (first[:, None] + sense * np.arange(_PLACES)) % _PLACES
+            cost = steps[rows, order if sense > 0 else (order - 1) % _PLACES]
+            arrival = np.concatenate([np.zeros((n, 1)), np.cumsum(cost, axis=1)[:, :-1]], axis=1)
+            along = strength[rows, order]
+            passable = along > speed[:, None] * (arrival + 12.0)  # the first steps go into stiffening
+            passable[:, 0] = True
+            open_way = np.logical_and.accumulate(passable, axis=1)
+            value = np.where(open_way, along - 0.02 * speed[:, None] * arrival, -np.inf)
+            place = value.argmax(axis=1)
+            better = value[rows[:, 0], place] > best
+            best = np.where(better, value[rows[:, 0], place], best)
+            goal = np.where(better, order[rows[:, 0], place], goal)
+            way = np.where(better, sense, way)
+        s, offset = self._refined(target, places[goal], (unit[:, 0], unit[:, 1]), largest)
+        return s, way, offset
+
+    def _refined(
+        self, target: np.ndarray, s: np.ndarray, unit: tuple[np.ndarray, np.ndarray], largest: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A compass search for the place and for the tip within tolerance that withstand most."""
+        radius = self.share_of_tolerance * self.core.task.tolerance
+        n, point = len(s), np.stack([s, 0 * s, 0 * s])
+        reach = np.array([2 * np.pi / _PLACES * 2, radius, radius])
+
+        def measure(points: np.ndarray) -> np.ndarray:
+            q = Loop(self.nominal, (target[:, 0] + points[1], target[:, 1] + points[2])).at(points[0])
+            return withstood(self.nominal, self.bounds, q, unit, largest)
+
+        best = measure(point)
+        for _ in range(self.refinements):
+            improved = np.zeros(n, bool)
+            for axis in range(3):
+                for sign in (1.0, -1.0):
+                    trial = point.copy()
+                    trial[axis] += sign * reach[axis]
+                    trial[1:] *= np.minimum(1.0, radius / np.maximum(np.hypot(*trial[1:]), 1e-12))
+                    value = measure(trial)
+                    better = value > best * (1 + 1e-6)
+                    point, best = np.where(better, trial, point), np.where(better, value, best)
+                    improved |= better
+            if not improved.any():
+                reach = reach / 2
+            else:
+                reach = reach * 0.8
+        return point[0] % (2 * np.pi), point[1:].T
+
+    def _step(
+        self, reading: Reading, q: np.ndarray, load: np.ndarray, moves: np.ndarray, memory: Memory
+    ) -> np.ndarray:
+        arm, n = self.nominal, len(q)
+        offset = np.stack(arm.tip(tuple(q.T)), axis=1) - reading.target
+        here = Loop(arm, tuple((reading.target + offset).T)).place(q.T)
+        near = np.pi - (np.pi - (memory.goal - here)) % (2 * np.pi)
+        left = np.where(np.abs(near) < 0.5, near, memory.way * ((memory.way * (memory.goal - here)) % (2 * np.pi)))
+        left = np.where(moves, left, 0.0)
+        stride = np.minimum(np.abs(left), self.largest_turn)
+        along, stiffer = (v.ravel()[:, None] for v in np.meshgrid(_SHARES, _SHARES))  # (m, 1)
+        s = here + along * np.sign(left) * stride
+        part = along * np.where(np.abs(left) > 1e-9, stride / np.maximum(np.abs(left), 1e-9), 1.0) * moves
+        tip = [reading.target[:, i] + offset[:, i] + part * (memory.offset - offset)[:, i] for i in range(2)]
+        ahead = Loop(arm, (tip[0].ravel(), tip[1].ravel())).at(s.ravel()).reshape(3, -1, n)
+        still = along[:, 0] == 0
+        ahead[:, still] = np.where(part[still] == 0, q.T[:, None], ahead[:, still])
+        nominal = arm.free_lengths((0.0, 0.0, 0.0))
+        common = [
+            (reading.inputs[:, 2 * i] + reading.inputs[:, 2 * i + 1] - nominal[2 * i] - nominal[2 * i + 1]) / 2
+            for i in range(3)
+        ]
+        held = hold(arm, self.bounds, ahead, tuple(load.T), common, stiffer)
+        change = (np.stack(held.free_lengths) - reading.inputs.T[:, None]) / self.rate
+        fits = np.abs(change).max(axis=0) <= 1.0
+        rank = np.minimum(held.stability_margin, self.safe) / self.safe * 10 + self._worth(along, stiffer)
+        rank = np.where(fits, rank, -1e3 * np.abs(change).max(axis=0))
+        best = rank.argmax(axis=0)
+        return np.asarray(change[:, best, np.arange(n)].T)
+
+    def _worth(self, along: np.ndarray, stiffer: np.ndarray) -> np.ndarray:
+        return np.asarray(stiffer + 0.5 * along)
+
+
+class PushOracle(PushObserver):
+    """Told how the load grows: plans the posture before the first step."""
+
+    wants_privileged = True
+    knows = "how the load grows; plans the posture in advance"
+    _first_move = 0
+
+    def begin_episodes(self, mask: np.ndarray, design: DualTriangleDesign, privileged: Episode | None = None) -> None:
+        """Take the nominal design and the true episodes.
+
+        Raises:
+            ValueError: the evaluation did not hand over the true episodes.
+        """
+        if privileged is None:
+            raise ValueError(
+                "PushOracle: needs the privileged episodes (evaluate it through tensegrity_agents.evaluation.rollout)"
+            )
+        super().begin_episodes(mask, design, privileged)
+
+    def _growth(self, load: np.ndarray, memory: Memory) -> np.ndarray:
+        assert self.privileged is not None
+        growth = np.empty_like(load)
+        for axis, force in enumerate(self.privileged.load_rate):
+            growth[:, axis] = force
+        return growth
