@@ -28,12 +28,12 @@ class Estimate(NamedTuple):
     Attributes:
         configuration: shape (n, 3) [rad].
         load: shape (n, 2) [N].
-        count: how many stable explanations there are, of which this one has the smallest load, shape (n,).
+        explanations: how many stable explanations there are, of which this one has the smallest load, shape (n,).
     """
 
     configuration: np.ndarray
     load: np.ndarray
-    count: np.ndarray
+    explanations: np.ndarray
 
 
 def _slope(design: DualTriangleDesign, segments: int, q: Components, free_lengths: Components) -> Component:
@@ -41,9 +41,7 @@ def _slope(design: DualTriangleDesign, segments: int, q: Components, free_length
     arm = DualTriangle(design, segments)
     x, y = arm.jacobian(q)
     g = arm.energy_gradient(q, free_lengths)
-    return (
-        g[0] * (x[1] * y[2] - x[2] * y[1]) + g[1] * (x[2] * y[0] - x[0] * y[2]) + g[2] * (x[0] * y[1] - x[1] * y[0])
-    )
+    return g[0] * (x[1] * y[2] - x[2] * y[1]) + g[1] * (x[2] * y[0] - x[0] * y[2]) + g[2] * (x[0] * y[1] - x[1] * y[0])
 
 
 def explain(arm: DualTriangle, tip: np.ndarray, free_lengths: np.ndarray) -> Estimate:
@@ -91,15 +89,17 @@ def explain(arm: DualTriangle, tip: np.ndarray, free_lengths: np.ndarray) -> Est
     fine = np.isfinite(force).all(axis=0)
     own, start, force, lengths = own[fine], start[:, fine], force[:, fine], tuple(v[fine] for v in lengths)
     state = arm.identify_from(tip[own, 0], tip[own, 1], lengths, tuple(start), tuple(force), 8)
-    q, load = np.stack(state.configuration), np.stack(state.load)
-    moved = ~(np.abs(q - start).max(axis=0) < 1e-4)  # Newton's method led elsewhere, or nowhere
-    q, load = np.where(moved, start, q), np.where(moved, force, load)
-    stable = arm.stability_margin(tuple(q), lengths, tuple(load)) > 0
-    good = np.flatnonzero(stable & (np.abs(q).max(axis=0) <= limit + 1e-9))
+    angles, load = np.stack(state.configuration), np.stack(state.load)
+    moved = ~(np.abs(angles - start).max(axis=0) < 1e-4)  # Newton's method led elsewhere, or nowhere
+    angles, load = np.where(moved, start, angles), np.where(moved, force, load)
+    stable = arm.stability_margin(tuple(angles), lengths, tuple(load)) > 0
+    good = np.flatnonzero(stable & (np.abs(angles).max(axis=0) <= limit + 1e-9))
     for i in good[np.argsort(-np.hypot(*load[:, good]), kind="stable")]:  # the smallest load comes last
         row = own[i]
-        found.count[row] += found.count[row] == 0 or np.abs(found.configuration[row] - q[:, i]).max() > 1e-7
-        found.configuration[row], found.load[row] = q[:, i], load[:, i]
+        found.explanations[row] += (
+            found.explanations[row] == 0 or np.abs(found.configuration[row] - angles[:, i]).max() > 1e-7
+        )
+        found.configuration[row], found.load[row] = angles[:, i], load[:, i]
     return found
 
 

@@ -5,6 +5,7 @@ definite stiffness matrix. Inside the valid set the control inputs are smooth co
 follows any path in it, however the load pushes.
 """
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -154,14 +155,14 @@ class RoadMap:
         weight = np.abs(inputs[edges[:, 0]] - inputs[edges[:, 1]]).max(axis=1) / rate
         weight = np.maximum(weight, np.abs(a - b).max(axis=1) / 0.2) + 0.1
         graph = coo_array((weight, (edges[:, 0], edges[:, 1])), shape=(len(points), len(points))).tocsr()
-        distance, before = dijkstra(graph, directed=False, indices=0, return_predecessors=True)
-        best = 1 + int(np.argmin(distance[1:first]))
-        if not np.isfinite(distance[best]):
+        distance, before = dijkstra(graph, directed=False, indices=[0], return_predecessors=True)
+        best = 1 + int(np.argmin(distance[0, 1:first]))
+        if not np.isfinite(distance[0, best]):
             return []
         way = []
         while best != 0:
             way.append(points[best])
-            best = int(before[best])
+            best = int(before[0, best])
         return self._short_cuts([start, *way[::-1]])
 
     def _short_cuts(self, path: list[np.ndarray]) -> list[np.ndarray]:
@@ -196,7 +197,7 @@ def schedule(
     Returns:
         Shape (steps, 3) [m]; at the end of the path, its last inputs.
     """
-    pieces = [np.linspace(0.0, 1.0, 201)[1:, None] * (b - a) + a for a, b in zip(path[:-1], path[1:], strict=True)]
+    pieces = [np.linspace(0.0, 1.0, 201)[1:, None] * (b - a) + a for a, b in pairwise(path)]
     q = np.concatenate([path[:1], *pieces])
     inputs = np.stack(arm.control(tuple(q.T), tuple(load)), axis=1)
     change = np.abs(np.diff(inputs, axis=0)).max(axis=1) / rate

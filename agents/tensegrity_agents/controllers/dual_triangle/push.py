@@ -110,8 +110,8 @@ class PushPseudoInverse(PushController):
     damping = 0.005  # [m/rad]
 
     def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
-        aim = reading.tip + self.gain * (reading.target - reading.tip)
-        step = np.stack(self.nominal.moore_penrose_step(tuple(q.T), *aim.T, self.damping), axis=1)
+        x, y = (reading.tip + self.gain * (reading.target - reading.tip)).T
+        step = np.stack(self.nominal.moore_penrose_step(tuple(q.T), x, y, self.damping), axis=1)
         limit = float(self.nominal.design.joint_limit)
         commanded = np.clip(memory.commanded + step, -limit, limit)
         lengths = np.stack(self.nominal.free_lengths(self.nominal.control(tuple(commanded.T))), axis=1)
@@ -151,11 +151,9 @@ class PushObserver(PushController):
         return np.where(memory.step[:, None] > 0, load - memory.load, 0.0)
 
     def _plans_now(self, memory: Memory) -> np.ndarray:
-        return memory.step == self._first_move
+        return np.asarray(memory.step == self._first_move)
 
-    def _plan(
-        self, target: np.ndarray, q: np.ndarray, growth: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _plan(self, target: np.ndarray, q: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Where on the self-motion curve to go, in which sense, and with which offset of the tip."""
         n, arm = len(target), self.nominal
         speed = np.maximum(np.hypot(*growth.T), 1e-12)
@@ -204,9 +202,7 @@ class PushObserver(PushController):
             side, s = angle[rows, best][:, 0], where[rows, best][:, 0]
         return s % (2 * np.pi), radius * np.stack([np.cos(side), np.sin(side)], axis=1)
 
-    def _step(
-        self, reading: Reading, q: np.ndarray, load: np.ndarray, moves: np.ndarray, memory: Memory
-    ) -> np.ndarray:
+    def _step(self, reading: Reading, q: np.ndarray, load: np.ndarray, moves: np.ndarray, memory: Memory) -> np.ndarray:
         arm, n = self.nominal, len(q)
         offset = np.stack(arm.tip(tuple(q.T)), axis=1) - reading.target
         here = Loop(arm, tuple((reading.target + offset).T)).place(q.T)

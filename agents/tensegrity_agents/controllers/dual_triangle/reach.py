@@ -1,7 +1,7 @@
 """The analytic controllers that reach with the dual-triangle arm, and what each of them knows.
 
 [Zhao2021] is the closed form: redundancy resolution by one of three objectives and the control law. Under a load the
-law needs the load (with the sign of the print corrected), and stability must be checked; the observer and the oracle do.
+law needs the load (with the sign of the print corrected), and stability must be checked: observer and oracle do both.
 """
 
 from typing import Any, NamedTuple
@@ -132,7 +132,8 @@ class ClosedForm(ReachController):
     objective: Objective = "squares"
 
     def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
-        found = self.nominal.redundancy(*reading.target.T, tuple(start.T), self.objective, self.joint_limit)
+        x, y = reading.target.T
+        found = self.nominal.redundancy(x, y, tuple(start.T), self.objective, self.joint_limit)
         goal = np.clip(np.stack(self.nominal.control(found.configuration), axis=1), -self.bound, self.bound)
         gap = goal - reading.inputs
         steps = np.maximum(np.abs(gap).max(axis=1) / self.rate, 1.0)
@@ -166,9 +167,9 @@ class PseudoInverse(ReachController):
     tip error.
 
     The commanded configuration is moved by these steps: that is integral action, which makes up for an unknown load as
-    long as the nominal Jacobian points the right way; the inputs are those of the unloaded control law there. Joints that run into their
-    limits are taken out of the Jacobian gradually (weighted least norm), and the rest of the freedom moves all towards
-    the middle. Where the error stops falling, at joint limits, the arm goes over to another posture, that of a fixed
+    long as the nominal Jacobian points the right way; the inputs are those of the unloaded control law there. Joints
+    that run into their limits are taken out of the Jacobian gradually (weighted least norm), and the rest of the
+    freedom moves all towards the middle. Where the error stops falling, at joint limits, the arm goes over to another posture, that of a fixed
     table whose tip is nearest to the target, and tries from there.
     """
 
@@ -256,13 +257,13 @@ class Observer(ReachController):
 
     def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
         q, load = self._identified(reading, index)
-        goal, clearance = choose_posture(self.nominal, self.bound, q, reading.target, load)
+        goal, _ = choose_posture(self.nominal, self.bound, q, reading.target, load)
         paths = [np.stack(ends) for ends in zip(q, goal, strict=True)]
         return self._scheduled(paths, load)
 
     def _scheduled(self, paths: list[np.ndarray], load: np.ndarray) -> np.ndarray:
         plans = [schedule(self.nominal, p, f, self.rate, _STEPS) for p, f in zip(paths, load, strict=True)]
-        return np.clip(np.stack(plans), -self.bound, self.bound)
+        return np.asarray(np.clip(np.stack(plans), -self.bound, self.bound))
 
 
 class Oracle(Observer):

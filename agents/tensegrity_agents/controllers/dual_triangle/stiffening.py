@@ -15,6 +15,7 @@ from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, SelfMoti
 from tensegrity_envs.mechanics.namespace import Component, Components
 
 _BISECTIONS = 12
+_CLEAR = 1e-4  # [rad] of the joint limits
 _STIFFEST = 1e3  # share of the way to the stiffest inputs: all of it
 
 
@@ -63,7 +64,7 @@ def _held(
         delta = d0 + slope * c
         lengths += [design.free_length1 + c - delta, design.free_length2 + c + delta]
     margin = arm.stability_margin(q, tuple(lengths), load)
-    fine = (possible > 0) & (arm.limit_margin(q) > 1e-6)
+    fine = (possible > 0) & (arm.limit_margin(q) > _CLEAR)
     return Held(tuple(lengths), xp.where(fine, margin, -1.0))
 
 
