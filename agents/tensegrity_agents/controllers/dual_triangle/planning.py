@@ -141,7 +141,7 @@ class RoadMap:
         points = np.concatenate([start[None], ends, self.nodes])
         margin, inputs = validity(arm, bound, points, load)
         first = 1 + len(ends)
-        _, near = cKDTree(points).query(points, k=min(_NEIGHBOURS, len(points)))
+        near = np.asarray(cKDTree(points).query(points, k=min(_NEIGHBOURS, len(points)))[1])
         pairs = {(min(i, j), max(i, j)) for i, row in enumerate(near.tolist()) for j in row if i != j}
         pairs |= {(0, j) for j in range(1, len(points)) if j < first}
         edges = np.array(sorted(pairs))

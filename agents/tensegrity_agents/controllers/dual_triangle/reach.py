@@ -169,8 +169,8 @@ class PseudoInverse(ReachController):
     The commanded configuration is moved by these steps: that is integral action, which makes up for an unknown load as
     long as the nominal Jacobian points the right way; the inputs are those of the unloaded control law there. Joints
     that run into their limits are taken out of the Jacobian gradually (weighted least norm), and the rest of the
-    freedom moves all towards the middle. Where the error stops falling, at joint limits, the arm goes over to another posture, that of a fixed
-    table whose tip is nearest to the target, and tries from there.
+    freedom moves all towards the middle. Where the error stops falling, at joint limits, the arm goes over to another
+    posture, that of a fixed table whose tip is nearest to the target, and tries from there.
     """
 
     knows = "the nominal design; feedback of the tip error"
