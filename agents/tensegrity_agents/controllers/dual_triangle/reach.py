@@ -101,7 +101,8 @@ class ReachController:
             new = _nothing(len(index))._replace(plan=self._plan(part, start, index), commanded=start)
             for old, value in zip(memory, new, strict=True):
                 old[index] = value
-        return self._act(reading, memory)
+        action, memory = self._act(reading, memory)
+        return np.clip(action, -1.0, 1.0), memory
 
     def _start(self, reading: Reading) -> np.ndarray:
         """Configurations (n, 3) [rad]: observed, or else where the nominal arm would rest under the inputs."""
@@ -119,8 +120,7 @@ class ReachController:
     def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
         rows = np.arange(len(memory.step))
         wanted = memory.plan[rows, np.minimum(memory.step, _STEPS - 1)]
-        action = np.clip((wanted - reading.inputs) / self.rate, -1.0, 1.0)
-        return action, memory._replace(step=memory.step + 1)
+        return (wanted - reading.inputs) / self.rate, memory._replace(step=memory.step + 1)
 
 
 class ClosedForm(ReachController):
