@@ -36,6 +36,11 @@ class Estimate(NamedTuple):
     explanations: np.ndarray
 
 
+def links(arm: DualTriangle) -> tuple[float, float, float]:
+    """What `self_motions` asks for: x of pivot 1, length of links 1 and 2, length of link 3 [m]."""
+    return float(arm.design.b1), float(arm.link_lengths[0]), float(arm.link_lengths[2])
+
+
 def _slope(design: DualTriangleDesign, segments: int, q: Components, free_lengths: Components) -> Component:
     """Derivative of the springs' energy along the null vector of the Jacobian [N m3]."""
     arm = DualTriangle(design, segments)
@@ -59,7 +64,7 @@ def explain(arm: DualTriangle, tip: np.ndarray, free_lengths: np.ndarray) -> Est
     found = Estimate(np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n, int))
     limit = float(arm.design.joint_limit)
     owners, starts = [np.zeros(0, int)], [np.zeros((3, 0))]
-    for index, curve in self_motions(tip[:, 0], tip[:, 1], *arm._plain_links()):
+    for index, curve in self_motions(tip[:, 0], tip[:, 1], *links(arm)):
         loop, s, _, after = curve.grid(_SAMPLES)
         width = 2 * math.pi / (_SAMPLES if curve.kind == SINGLE else _SAMPLES // 2)
         owner = np.repeat(np.arange(len(index)), _SAMPLES)

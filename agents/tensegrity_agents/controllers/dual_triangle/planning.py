@@ -13,10 +13,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from tensegrity_agents.controllers.dual_triangle.identification import links
 from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.self_motion import self_motions
-from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 
 POSTURES = 96  # of the self-motion curve or curves of one target
 _SAMPLES = 33  # along a straight joint path
@@ -31,7 +32,7 @@ def _validity(
     design: DualTriangleDesign, segments: int, q: Components, load: Components, bound: Component
 ) -> tuple[Component, Components]:
     arm = DualTriangle(design, segments)
-    xp = arm._xp(*q)
+    xp = namespace_of(*q)
     inputs = arm.control(q, load)
     clearance = arm.stability_margin(q, arm.free_lengths(inputs), load)
     clearance = xp.minimum(clearance, arm.limit_margin(q))
@@ -66,7 +67,7 @@ def validity(arm: DualTriangle, bound: float, q: np.ndarray, load: np.ndarray) -
 def postures(arm: DualTriangle, target: np.ndarray, count: int = POSTURES) -> np.ndarray:
     """Postures (n, count, 3) [rad] with the tip at targets (n, 2) [m], all along the self-motion curves; else NaN."""
     found = np.full((len(target), count, 3), np.nan)
-    for index, curve in self_motions(target[:, 0], target[:, 1], *arm._plain_links()):
+    for index, curve in self_motions(target[:, 0], target[:, 1], *links(arm)):
         loop, s, _, _ = curve.grid(count)
         owner = np.repeat(np.arange(len(index)), count)
         q = curve.at(owner, np.tile(loop, len(index)), np.tile(s, len(index)))

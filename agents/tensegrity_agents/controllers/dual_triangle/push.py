@@ -132,6 +132,7 @@ class PushObserver(PushController):
     largest_turn = 0.15  # along the curve in one step
     share_of_tolerance = 0.98
     safe = 0.02  # stability margin beyond which no more is asked for
+    first_move = 1  # step; before, the direction of the load is not known
 
     def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
         load = np.stack(self.nominal.estimate_load(tuple(q.T), tuple(reading.inputs.T)), axis=1)
@@ -141,17 +142,15 @@ class PushObserver(PushController):
             plan = self._plan(reading.target[begins], q[begins], growth[begins])
             memory = Memory(*(np.array(part) for part in memory))
             memory.goal[begins], memory.way[begins], memory.offset[begins] = plan
-        moves = memory.step >= self._first_move
+        moves = memory.step >= self.first_move
         return self._step(reading, q, load + growth, moves, memory), memory._replace(load=load)
-
-    _first_move = 1  # step; before, the direction of the load is not known
 
     def _growth(self, load: np.ndarray, memory: Memory) -> np.ndarray:
         """What the load will grow by in the next step [N], (n, 2)."""
         return np.where(memory.step[:, None] > 0, load - memory.load, 0.0)
 
     def _plans_now(self, memory: Memory) -> np.ndarray:
-        return np.asarray(memory.step == self._first_move)
+        return np.asarray(memory.step == self.first_move)
 
     def _plan(self, target: np.ndarray, q: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Where on the self-motion curve to go, in which sense, and with which offset of the tip."""
@@ -203,35 +202,34 @@ class PushObserver(PushController):
         return s % (2 * np.pi), radius * np.stack([np.cos(side), np.sin(side)], axis=1)
 
     def _step(self, reading: Reading, q: np.ndarray, load: np.ndarray, moves: np.ndarray, memory: Memory) -> np.ndarray:
+        """Actions (n, 6): of all combinations of moving and stiffening the best that is possible under the load."""
+        along, stiffer = (v.ravel()[:, None] for v in np.meshgrid(_SHARES, _SHARES))
+        ahead = self._ahead(reading, q, along, moves, memory)
+        nominal = self.nominal.free_lengths((0.0, 0.0, 0.0))
+        beyond = reading.inputs - np.array(nominal)
+        common = tuple(((beyond[:, 0::2] + beyond[:, 1::2]) / 2).T)
+        held = hold(self.nominal, self.bounds, ahead, tuple(load.T), common, stiffer)
+        change = (np.stack(held.free_lengths) - reading.inputs.T[:, None]) / self.rate
+        largest = np.abs(change).max(axis=0)
+        rank = 10 * np.minimum(held.stability_margin / self.safe, 1.0) + stiffer + 0.5 * along
+        best = np.where(largest <= 1.0, rank, -1e3 * largest).argmax(axis=0)
+        return np.asarray(change[:, best, np.arange(len(q))].T)
+
+    def _ahead(
+        self, reading: Reading, q: np.ndarray, along: np.ndarray, moves: np.ndarray, memory: Memory
+    ) -> np.ndarray:
+        """Postures (3, m, n) [rad] at the shares `along` (m, 1) of a stride; share 0 leaves the posture as it is."""
         arm, n = self.nominal, len(q)
-        offset = np.stack(arm.tip(tuple(q.T)), axis=1) - reading.target
-        here = Loop(arm, tuple((reading.target + offset).T)).place(q.T)
+        tip = np.stack(arm.tip(tuple(q.T)))
+        here = Loop(arm, (tip[0], tip[1])).place(q.T)
         near = np.pi - (np.pi - (memory.goal - here)) % (2 * np.pi)
         left = np.where(np.abs(near) < 0.5, near, memory.way * ((memory.way * (memory.goal - here)) % (2 * np.pi)))
-        left = np.where(moves, left, 0.0)
-        stride = np.minimum(np.abs(left), self.largest_turn)
-        along, stiffer = (v.ravel()[:, None] for v in np.meshgrid(_SHARES, _SHARES))  # (m, 1)
-        s = here + along * np.sign(left) * stride
-        part = along * np.where(np.abs(left) > 1e-9, stride / np.maximum(np.abs(left), 1e-9), 1.0) * moves
-        tip = [reading.target[:, i] + offset[:, i] + part * (memory.offset - offset)[:, i] for i in range(2)]
-        ahead = Loop(arm, (tip[0].ravel(), tip[1].ravel())).at(s.ravel()).reshape(3, -1, n)
-        still = along[:, 0] == 0
-        ahead[:, still] = np.where(part[still] == 0, q.T[:, None], ahead[:, still])
-        nominal = arm.free_lengths((0.0, 0.0, 0.0))
-        common = [
-            (reading.inputs[:, 2 * i] + reading.inputs[:, 2 * i + 1] - nominal[2 * i] - nominal[2 * i + 1]) / 2
-            for i in range(3)
-        ]
-        held = hold(arm, self.bounds, ahead, tuple(load.T), common, stiffer)
-        change = (np.stack(held.free_lengths) - reading.inputs.T[:, None]) / self.rate
-        fits = np.abs(change).max(axis=0) <= 1.0
-        rank = np.minimum(held.stability_margin, self.safe) / self.safe * 10 + self._worth(along, stiffer)
-        rank = np.where(fits, rank, -1e3 * np.abs(change).max(axis=0))
-        best = rank.argmax(axis=0)
-        return np.asarray(change[:, best, np.arange(n)].T)
-
-    def _worth(self, along: np.ndarray, stiffer: np.ndarray) -> np.ndarray:
-        return np.asarray(stiffer + 0.5 * along)
+        stride = np.where(moves, np.clip(left, -self.largest_turn, self.largest_turn), 0.0)
+        # The tip goes to its offset in step with the place on the curve.
+        pace = np.where(moves, np.where(np.abs(left) > 1e-9, stride / np.where(left == 0, 1.0, left), 1.0), 0.0)
+        x, y = (tip[i] + along * pace * ((reading.target + memory.offset)[:, i] - tip[i]) for i in range(2))
+        ahead = Loop(arm, (x.ravel(), y.ravel())).at((here + along * stride).ravel()).reshape(3, -1, n)
+        return np.where(along == 0, q.T[:, None], ahead)
 
 
 class PushOracle(PushObserver):
@@ -239,7 +237,7 @@ class PushOracle(PushObserver):
 
     wants_privileged = True
     knows = "how the load grows; plans the posture in advance"
-    _first_move = 0
+    first_move = 0
 
     def begin_episodes(self, mask: np.ndarray, design: DualTriangleDesign, privileged: Episode | None = None) -> None:
         """Take the nominal design and the true episodes.

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_agents.controllers.dual_triangle.identification import links
 from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, SelfMotion
-from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 
 _BISECTIONS = 12
 _CLEAR = 1e-4  # [rad] of the joint limits
-_STIFFEST = 1e3  # share of the way to the stiffest inputs: all of it
 
 
 class Held(NamedTuple):
@@ -41,7 +41,7 @@ def _held(
     bounds: tuple[Component, Component],
 ) -> Held:
     arm = DualTriangle(design, segments)
-    xp = arm._xp(*q)
+    xp = namespace_of(*q)
     unit = design.b1
     none, one = arm.control(q, load), arm.control(q, load, unit)
     low, high = bounds
@@ -59,17 +59,16 @@ def _held(
             top = xp.minimum(top, xp.maximum(one_end, other))
             bottom = xp.maximum(bottom, xp.minimum(one_end, other))
         possible = xp.minimum(possible, xp.where(top >= bottom, 1.0, 0.0))
-        wanted = xp.minimum(c + share * (top - c), top)
-        c = xp.maximum(wanted, bottom)  # noqa: PLW2901
-        delta = d0 + slope * c
-        lengths += [design.free_length1 + c - delta, design.free_length2 + c + delta]
+        taken = xp.maximum(xp.minimum(c + share * (top - c), top), bottom)
+        delta = d0 + slope * taken
+        lengths += [design.free_length1 + taken - delta, design.free_length2 + taken + delta]
     margin = arm.stability_margin(q, tuple(lengths), load)
     fine = (possible > 0) & (arm.limit_margin(q) > _CLEAR)
     return Held(tuple(lengths), xp.where(fine, margin, -1.0))
 
 
 def hold(
-    arm: DualTriangle, bounds: tuple[float, float], q: Any, load: Any, common: Any = None, share: Any = _STIFFEST
+    arm: DualTriangle, bounds: tuple[float, float], q: Any, load: Any, common: Any = (0.0, 0.0, 0.0), share: Any = 1.0
 ) -> Held:
     """The free lengths that hold postures under loads, on the way from given common parts to the stiffest ones.
 
@@ -82,11 +81,7 @@ def hold(
         share: of the way from there to the stiffest ones that is taken; by default all of it.
     """
     shape = np.broadcast_shapes(*(np.shape(v) for v in (*q, *load)), np.shape(share))
-    start = (0.0, 0.0, 0.0) if common is None else common
-    # With the default the present common part does not matter: `top` is the smaller of both.
-    flat = [np.broadcast_to(np.asarray(v, float), shape).ravel() for v in (*q, *load, *start, share)]
-    if common is None:
-        flat[5:8] = [np.full(flat[0].shape, -1.0)] * 3
+    flat = [np.broadcast_to(np.asarray(v, float), shape).ravel() for v in (*q, *load, *common, share)]
     low, high = (float(b) for b in bounds)
     found = evaluate(
         _held, arm.design, arm.segments, tuple(flat[:3]), tuple(flat[3:5]), tuple(flat[5:8]), flat[8], (low, high)
@@ -116,8 +111,7 @@ class Loop:
     """
 
     def __init__(self, arm: DualTriangle, tip: tuple[np.ndarray, np.ndarray]) -> None:
-        pivot = float(arm.design.b1)
-        long, short = float(arm.link_lengths[0]), float(arm.link_lengths[2])
+        pivot, long, short = links(arm)
         x, y = tip[0] - pivot, tip[1]
         distance = np.clip(np.hypot(x, y), 2 * long - short, (2 * long + short) * (1 - 1e-9))
         self._curve = SelfMotion(SINGLE, distance, np.arctan2(y, x), long, short)
