@@ -216,8 +216,11 @@ def test_every_baseline_runs_on_every_environment(env_id, name):
     success = run.columns["success"].mean()
     if name == "random":
         assert success < 0.1
-    elif "TwoX" not in env_id:
-        pass
+    elif "Push" in env_id:
+        assert success >= {"closed_form": 0.0, "pseudo_inverse": 0.7}.get(name, 1.0)
+    elif "DualTriangle" in env_id:
+        weak = {"pseudo_inverse": 0.6, "observer": 0.95, "oracle": 0.975} if "Loaded" in env_id else {}
+        assert success >= weak.get(name, 0.0 if "Loaded" in env_id else 0.975)
     elif name == "oracle" or ("Payload" not in env_id and name in ("closed_form_ik", "observer")):
         assert success >= 0.95
     elif name == "observer":

@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from tensegrity_agents.controllers import two_x, two_x_posture
+from tensegrity_agents.controllers import dual_triangle, two_x, two_x_posture
 from tensegrity_agents.controllers.random import RandomController
 from tensegrity_envs.core import Core
 
@@ -26,6 +26,20 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
         "pseudo_inverse": two_x_posture.PseudoInverse,
         "straight_path": two_x_posture.StraightPath,
         "planner": two_x_posture.Planner,
+    },
+    "DualTriangleReach": {
+        "closed_form_sum": dual_triangle.ClosedFormSum,
+        "closed_form_max": dual_triangle.ClosedFormMax,
+        "closed_form_squares": dual_triangle.ClosedFormSquares,
+        "pseudo_inverse": dual_triangle.PseudoInverse,
+        "observer": dual_triangle.Observer,
+        "oracle": dual_triangle.Oracle,
+    },
+    "DualTrianglePush": {
+        "closed_form": dual_triangle.HoldInputs,
+        "pseudo_inverse": dual_triangle.PushPseudoInverse,
+        "observer": dual_triangle.PushObserver,
+        "oracle": dual_triangle.PushOracle,
     },
 }
 

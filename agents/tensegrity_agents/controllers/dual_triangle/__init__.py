@@ -1,0 +1,24 @@
+"""Analytic controllers of the dual-triangle arm."""
+
+from tensegrity_agents.controllers.dual_triangle.push import HoldInputs, PushObserver, PushOracle, PushPseudoInverse
+from tensegrity_agents.controllers.dual_triangle.reach import (
+    ClosedFormMax,
+    ClosedFormSquares,
+    ClosedFormSum,
+    Observer,
+    Oracle,
+    PseudoInverse,
+)
+
+__all__ = [
+    "ClosedFormMax",
+    "ClosedFormSquares",
+    "ClosedFormSum",
+    "HoldInputs",
+    "Observer",
+    "Oracle",
+    "PseudoInverse",
+    "PushObserver",
+    "PushOracle",
+    "PushPseudoInverse",
+]

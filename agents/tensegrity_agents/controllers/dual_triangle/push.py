@@ -1,0 +1,259 @@
+"""The analytic controllers that hold the tip of the dual-triangle arm against a growing force.
+
+The literature offers none. What can be done is to make the arm stiff (co-contraction), to choose the posture on the
+self-motion curve that withstands most, and to correct the inputs for the load that the joint angles reveal.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_agents.controllers.dual_triangle.identification import explain
+from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
+from tensegrity_agents.controllers.dual_triangle.stiffening import Loop, hold, withstood
+from tensegrity_envs.core import Core
+from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
+from tensegrity_envs.simulation import Episode
+
+_PLACES = 180  # on the self-motion curve
+_FINE = np.linspace(-1.0, 1.0, 11)
+_SHARES = np.array([1.0, 0.7, 0.5, 0.35, 0.2, 0.1, 0.05, 0.0])
+
+
+class Memory(NamedTuple):
+    """What a controller carries from step to step, for n environments.
+
+    Attributes:
+        step: of the episode, shape (n,).
+        commanded: configuration that the inputs stand for, shape (n, 3) [rad].
+        load: estimated a step ago, shape (n, 2) [N].
+        goal: place on the self-motion curve to go to, shape (n,).
+        way: the sense in which to go there, +-1, shape (n,).
+        offset: of the tip from the target to go to, shape (n, 2) [m].
+    """
+
+    step: np.ndarray
+    commanded: np.ndarray
+    load: np.ndarray
+    goal: np.ndarray
+    way: np.ndarray
+    offset: np.ndarray
+
+
+class PushController:
+    """What the controllers of this task share.
+
+    Args:
+        core: of the environment.
+    """
+
+    wants_privileged = False
+    knows = ""
+
+    def __init__(self, core: Core) -> None:
+        self.core = core
+        self.rate = core.simulation.rate
+        self.privileged: Episode | None = None
+        self._take(core.design)
+
+    def _take(self, design: DualTriangleDesign) -> None:
+        simulation: Any = self.core.simulation
+        self.nominal = DualTriangle(design, self.core.nominal.segments)
+        low, high = simulation.bounds(self.nominal)
+        self.bounds = float(low), float(high)
+
+    def begin_episodes(self, mask: np.ndarray, design: DualTriangleDesign, privileged: Episode | None = None) -> None:
+        """Take the nominal design and, if this controller asks for it, the true episodes."""
+        self._take(design)
+        self.privileged = privileged
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Memory]:
+        """Actions (n, 6) for a batch of n observations."""
+        reading = read(observation, self.core)
+        n = len(reading.tip)
+        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        q = reading.configuration
+        if q is None:
+            q = explain(self.nominal, reading.tip, reading.inputs).configuration
+        new = Memory(np.zeros(n, int), q, np.zeros((n, 2)), np.zeros(n), np.ones(n), np.zeros((n, 2)))
+        if state is None:
+            state = new
+        memory = Memory(
+            *(np.where(fresh.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(new, state, strict=True))
+        )
+        action, memory = self._act(reading, q, memory)
+        return np.clip(action, -1.0, 1.0), memory._replace(step=memory.step + 1)
+
+    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """Actions (n, 6) for configurations (n, 3) [rad]."""
+        raise NotImplementedError
+
+
+class HoldInputs(PushController):
+    """The closed form's inputs for the unloaded arm, with which an episode begins, are kept."""
+
+    knows = "the nominal design; no feedback"
+
+    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        return np.zeros_like(reading.inputs), memory
+
+
+class PushPseudoInverse(PushController):
+    """Resolved rate: the commanded configuration moves by the damped pseudo-inverse of the tip error; its inputs are
+    those of the unloaded control law.
+    """
+
+    knows = "the nominal design; feedback of the tip error"
+    gain = 0.5
+    damping = 0.005  # [m/rad]
+
+    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        x, y = (reading.tip + self.gain * (reading.target - reading.tip)).T
+        step = np.stack(self.nominal.moore_penrose_step(tuple(q.T), x, y, self.damping), axis=1)
+        limit = float(self.nominal.design.joint_limit)
+        commanded = np.clip(memory.commanded + step, -limit, limit)
+        lengths = np.stack(self.nominal.free_lengths(self.nominal.control(tuple(commanded.T))), axis=1)
+        return (lengths - reading.inputs) / self.rate, memory._replace(commanded=commanded)
+
+
+class PushObserver(PushController):
+    """Estimates the load from the joint angles, corrects the inputs for the load to come, co-contracts as far as the
+    bounds allow, and moves along the self-motion curve to the posture that withstands the largest load.
+
+    From the first change of the load it takes direction and growth, which it assumes to stay. The target's tolerance is
+    used, too: the tip goes to the point within it that withstands most. In every step, of all combinations of a share
+    of the way along the curve and a share of the remaining stiffening, it takes one that the rates allow and that is
+    stable under the load to come.
+    """
+
+    knows = "the nominal design; estimates the load from the joint angles, checks stability"
+    largest_turn = 0.15  # along the curve in one step
+    share_of_tolerance = 0.98
+    safe = 0.02  # stability margin beyond which no more is asked for
+    first_move = 1  # step; before, the direction of the load is not known
+
+    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        load = np.stack(self.nominal.estimate_load(tuple(q.T), tuple(reading.inputs.T)), axis=1)
+        growth = self._growth(load, memory)
+        begins = np.flatnonzero(self._plans_now(memory))
+        if len(begins):
+            plan = self._plan(reading.target[begins], q[begins], growth[begins])
+            memory = Memory(*(np.array(part) for part in memory))
+            memory.goal[begins], memory.way[begins], memory.offset[begins] = plan
+        moves = memory.step >= self.first_move
+        return self._step(reading, q, load + growth, moves, memory), memory._replace(load=load)
+
+    def _growth(self, load: np.ndarray, memory: Memory) -> np.ndarray:
+        """What the load will grow by in the next step [N], (n, 2)."""
+        return np.where(memory.step[:, None] > 0, load - memory.load, 0.0)
+
+    def _plans_now(self, memory: Memory) -> np.ndarray:
+        return np.asarray(memory.step == self.first_move)
+
+    def _plan(self, target: np.ndarray, q: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where on the self-motion curve to go, in which sense, and with which offset of the tip."""
+        n, arm = len(target), self.nominal
+        speed = np.maximum(np.hypot(*growth.T), 1e-12)
+        unit = growth / speed[:, None]
+        largest = 4 * self.core.critical_load  # type: ignore[attr-defined]
+        places = np.arange(_PLACES) * (2 * np.pi / _PLACES)
+        table = Loop(arm, tuple(np.repeat(target, _PLACES, axis=0).T)).at(np.tile(places, n)).reshape(3, n, _PLACES)
+        direction = unit[:, :1], unit[:, 1:]
+        strength = withstood(arm, self.bounds, table, direction, largest)
+        half = self.core.critical_load / 2  # type: ignore[attr-defined]
+        lengths = np.stack(hold(arm, self.bounds, table, (half * direction[0], half * direction[1])).free_lengths)
+        steps = np.abs(np.roll(lengths, -1, axis=2) - lengths).max(axis=0) / self.rate + 0.02
+        first = np.rint(Loop(arm, tuple(target.T)).place(q.T) / (2 * np.pi) * _PLACES).astype(int) % _PLACES
+        rows = np.arange(n)[:, None]
+        best, goal, way = np.full(n, -np.inf), np.zeros(n, int), np.ones(n)
+        for sense in (1, -1):
+            order = (first[:, None] + sense * np.arange(_PLACES)) % _PLACES
+            cost = steps[rows, order if sense > 0 else (order - 1) % _PLACES]
+            arrival = np.concatenate([np.zeros((n, 1)), np.cumsum(cost, axis=1)[:, :-1]], axis=1)
+            along = strength[rows, order]
+            passable = along > speed[:, None] * (arrival + 12.0)  # the first steps go into stiffening
+            passable[:, 0] = True
+            open_way = np.logical_and.accumulate(passable, axis=1)
+            value = np.where(open_way, along - 0.02 * speed[:, None] * arrival, -np.inf)
+            place = value.argmax(axis=1)
+            better = value[rows[:, 0], place] > best
+            best = np.where(better, value[rows[:, 0], place], best)
+            goal = np.where(better, order[rows[:, 0], place], goal)
+            way = np.where(better, sense, way)
+        s, offset = self._refined(target, places[goal], (unit[:, 0], unit[:, 1]), largest)
+        return s, way, offset
+
+    def _refined(
+        self, target: np.ndarray, s: np.ndarray, unit: tuple[np.ndarray, np.ndarray], largest: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The place near s, and the tip on the edge of the tolerance, that withstand most: on a grid, then a finer."""
+        radius = self.share_of_tolerance * self.core.task.tolerance
+        rows, side = np.arange(len(s))[:, None], np.zeros(len(s))
+        for turns, places in ((np.arange(24) * np.pi / 12, np.linspace(-0.6, 0.6, 31)), (_FINE * 0.25, _FINE * 0.04)):
+            all_turns, all_places = (v.ravel() for v in np.meshgrid(turns, places))
+            angle, where = side[:, None] + all_turns, s[:, None] + all_places
+            x, y = target[:, :1] + radius * np.cos(angle), target[:, 1:] + radius * np.sin(angle)
+            q = Loop(self.nominal, (x.ravel(), y.ravel())).at(where.ravel()).reshape(3, *where.shape)
+            strength = withstood(self.nominal, self.bounds, q, (unit[0][:, None], unit[1][:, None]), largest)
+            best = strength.argmax(axis=1)[:, None]
+            side, s = angle[rows, best][:, 0], where[rows, best][:, 0]
+        return s % (2 * np.pi), radius * np.stack([np.cos(side), np.sin(side)], axis=1)
+
+    def _step(self, reading: Reading, q: np.ndarray, load: np.ndarray, moves: np.ndarray, memory: Memory) -> np.ndarray:
+        """Actions (n, 6): of all combinations of moving and stiffening the best that is possible under the load."""
+        along, stiffer = (v.ravel()[:, None] for v in np.meshgrid(_SHARES, _SHARES))
+        ahead = self._ahead(reading, q, along, moves, memory)
+        nominal = self.nominal.free_lengths((0.0, 0.0, 0.0))
+        beyond = reading.inputs - np.array(nominal)
+        common = tuple(((beyond[:, 0::2] + beyond[:, 1::2]) / 2).T)
+        held = hold(self.nominal, self.bounds, ahead, tuple(load.T), common, stiffer)
+        change = (np.stack(held.free_lengths) - reading.inputs.T[:, None]) / self.rate
+        largest = np.abs(change).max(axis=0)
+        rank = 10 * np.minimum(held.stability_margin / self.safe, 1.0) + stiffer + 0.5 * along
+        best = np.where(largest <= 1.0, rank, -1e3 * largest).argmax(axis=0)
+        return np.asarray(change[:, best, np.arange(len(q))].T)
+
+    def _ahead(
+        self, reading: Reading, q: np.ndarray, along: np.ndarray, moves: np.ndarray, memory: Memory
+    ) -> np.ndarray:
+        """Postures (3, m, n) [rad] at the shares `along` (m, 1) of a stride; share 0 leaves the posture as it is."""
+        arm, n = self.nominal, len(q)
+        tip = np.stack(arm.tip(tuple(q.T)))
+        here = Loop(arm, (tip[0], tip[1])).place(q.T)
+        near = np.pi - (np.pi - (memory.goal - here)) % (2 * np.pi)
+        left = np.where(np.abs(near) < 0.5, near, memory.way * ((memory.way * (memory.goal - here)) % (2 * np.pi)))
+        stride = np.where(moves, np.clip(left, -self.largest_turn, self.largest_turn), 0.0)
+        # The tip goes to its offset in step with the place on the curve.
+        pace = np.where(moves, np.where(np.abs(left) > 1e-9, stride / np.where(left == 0, 1.0, left), 1.0), 0.0)
+        x, y = (tip[i] + along * pace * ((reading.target + memory.offset)[:, i] - tip[i]) for i in range(2))
+        ahead = Loop(arm, (x.ravel(), y.ravel())).at((here + along * stride).ravel()).reshape(3, -1, n)
+        return np.where(along == 0, q.T[:, None], ahead)
+
+
+class PushOracle(PushObserver):
+    """Told how the load grows: plans the posture before the first step."""
+
+    wants_privileged = True
+    knows = "how the load grows; plans the posture in advance"
+    first_move = 0
+
+    def begin_episodes(self, mask: np.ndarray, design: DualTriangleDesign, privileged: Episode | None = None) -> None:
+        """Take the nominal design and the true episodes.
+
+        Raises:
+            ValueError: the evaluation did not hand over the true episodes.
+        """
+        if privileged is None:
+            raise ValueError(
+                "PushOracle: needs the privileged episodes (evaluate it through tensegrity_agents.evaluation.rollout)"
+            )
+        super().begin_episodes(mask, design, privileged)
+
+    def _growth(self, load: np.ndarray, memory: Memory) -> np.ndarray:
+        assert self.privileged is not None
+        growth = np.empty_like(load)
+        for axis, force in enumerate(self.privileged.load_rate):
+            growth[:, axis] = force
+        return growth

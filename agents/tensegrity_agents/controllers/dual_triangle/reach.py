@@ -1,0 +1,323 @@
+"""The analytic controllers that reach with the dual-triangle arm, and what each of them knows.
+
+[Zhao2021] is the closed form: redundancy resolution by one of three objectives and the control law. Under a load the
+law needs the load (with the sign of the print corrected), and stability must be checked: observer and oracle do both.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_agents.controllers.dual_triangle.identification import advance, explain
+from tensegrity_agents.controllers.dual_triangle.planning import RoadMap, choose_posture, schedule
+from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
+from tensegrity_envs.core import Core
+from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
+from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
+from tensegrity_envs.simulation import Episode
+
+_POSTURES = np.random.default_rng(0).uniform(-1.0, 1.0, (400, 3))  # of the joint limits
+_STEPS = 100  # planned ahead; afterwards the last inputs are held
+
+
+class Memory(NamedTuple):
+    """What a controller carries from step to step, for n environments.
+
+    Attributes:
+        plan: control inputs after each step, shape (n, steps, 3) [m].
+        step: of the episode, shape (n,).
+        commanded: configuration that the inputs stand for, shape (n, 3) [rad].
+        least: distance of the tip from the target since the last new start, shape (n,) [m].
+        waited: steps in which it did not fall, shape (n,).
+        restart_at: posture that is tried next, shape (n, 3) [rad].
+        crossing: whether the arm is on its way there, shape (n,).
+    """
+
+    plan: np.ndarray
+    step: np.ndarray
+    commanded: np.ndarray
+    least: np.ndarray
+    waited: np.ndarray
+    restart_at: np.ndarray
+    crossing: np.ndarray
+
+
+def _nothing(n: int) -> Memory:
+    """The memory of n environments in which nothing has happened yet."""
+    return Memory(
+        np.zeros((n, _STEPS, 3)),
+        np.zeros(n, int),
+        np.zeros((n, 3)),
+        np.full(n, np.inf),
+        np.zeros(n, int),
+        np.zeros((n, 3)),
+        np.zeros(n, bool),
+    )
+
+
+class ReachController:
+    """Plans the inputs of an episode when it begins, and follows the plan. Subclasses say how they plan.
+
+    Args:
+        core: of the environment.
+    """
+
+    wants_privileged = False
+    knows = ""
+
+    def __init__(self, core: Core) -> None:
+        self.core = core
+        self.rate = core.simulation.rate
+        self.nominal: DualTriangle = core.nominal
+        self.privileged: Episode | None = None
+        self._take(core.design)
+
+    def _take(self, design: DualTriangleDesign) -> None:
+        simulation: Any = self.core.simulation
+        self.nominal = DualTriangle(design, self.core.nominal.segments)
+        self.bound = float(simulation.bounds(self.nominal)[1])
+        # Up to here the unloaded arm can be held, too; beyond its joint limit an episode ends.
+        self.joint_limit = 0.98 * min(float(design.joint_limit), float(self.nominal.segment.control_limit))
+
+    def begin_episodes(self, mask: np.ndarray, design: DualTriangleDesign, privileged: Episode | None = None) -> None:
+        """Take the nominal design and, if this controller asks for it, the true episodes."""
+        self._take(design)
+        self.privileged = privileged
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Memory]:
+        """Actions (n, 3) for a batch of n observations."""
+        reading = read(observation, self.core)
+        n = len(reading.tip)
+        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        if state is None:
+            state = _nothing(n)
+        memory = Memory(*(np.array(part) for part in state))
+        if fresh.any():
+            index = np.flatnonzero(fresh)
+            part = reading.take(index)
+            start = self._start(part)
+            new = _nothing(len(index))._replace(plan=self._plan(part, start, index), commanded=start)
+            for old, value in zip(memory, new, strict=True):
+                old[index] = value
+        action, memory = self._act(reading, memory)
+        return np.clip(action, -1.0, 1.0), memory
+
+    def _start(self, reading: Reading) -> np.ndarray:
+        """Configurations (n, 3) [rad]: observed, or else where the nominal arm would rest under the inputs."""
+        if reading.configuration is not None:
+            return reading.configuration
+        # The law q -> inputs of the unloaded arm has one inverse; from the middle it is reached stably.
+        lengths = self.nominal.free_lengths(tuple(reading.inputs.T))
+        rest = self.nominal.equilibrium(lengths, tuple(np.zeros((3, len(reading.tip)))))
+        return np.stack(rest.configuration, axis=1)
+
+    def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
+        """Inputs after each step, (n, steps, 3) [m]. `index` tells which environments these are."""
+        raise NotImplementedError
+
+    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+        rows = np.arange(len(memory.step))
+        wanted = memory.plan[rows, np.minimum(memory.step, _STEPS - 1)]
+        return (wanted - reading.inputs) / self.rate, memory._replace(step=memory.step + 1)
+
+
+class ClosedForm(ReachController):
+    """One of [Zhao2021]'s objectives chooses the configuration, its control law the inputs; then straight there.
+
+    The optimum is exact and within the limits of joints and free lengths, which the paper's are not.
+    """
+
+    objective: Objective = "squares"
+
+    def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
+        x, y = reading.target.T
+        found = self.nominal.redundancy(x, y, tuple(start.T), self.objective, self.joint_limit)
+        goal = np.clip(np.stack(self.nominal.control(found.configuration), axis=1), -self.bound, self.bound)
+        gap = goal - reading.inputs
+        steps = np.maximum(np.abs(gap).max(axis=1) / self.rate, 1.0)
+        share = np.minimum(np.arange(1, _STEPS + 1) / steps[:, None], 1.0)
+        return np.asarray(reading.inputs[:, None] + share[..., None] * gap[:, None])
+
+
+class ClosedFormSum(ClosedForm):
+    """Objective (a): the smallest sum of the joints' displacements."""
+
+    knows = "the nominal design; smallest sum of joint displacements, no feedback"
+    objective = "sum"
+
+
+class ClosedFormMax(ClosedForm):
+    """Objective (b): the smallest largest displacement."""
+
+    knows = "the nominal design; smallest largest joint displacement, no feedback"
+    objective = "max"
+
+
+class ClosedFormSquares(ClosedForm):
+    """Objective (c): the smallest sum of squares of the displacements."""
+
+    knows = "the nominal design; smallest sum of squared joint displacements, no feedback"
+    objective = "squares"
+
+
+class PseudoInverse(ReachController):
+    """Resolved rate: joint steps by the damped pseudo-inverse of the Jacobian [Zhao2021, Eq. 16], with feedback of the
+    tip error.
+
+    The commanded configuration is moved by these steps: that is integral action, which makes up for an unknown load as
+    long as the nominal Jacobian points the right way; the inputs are those of the unloaded control law there. Joints
+    that run into their limits are taken out of the Jacobian gradually (weighted least norm), and the rest of the
+    freedom moves all towards the middle. Where the error stops falling, at joint limits, the arm goes over to another
+    posture, that of a fixed table whose tip is nearest to the target, and tries from there.
+    """
+
+    knows = "the nominal design; feedback of the tip error"
+    gain = 0.5
+    damping = 0.02  # [m/rad]
+    zone = 0.5  # [rad]: so near to its limit a joint moves less
+    centring = 0.2
+    fade = 0.03  # [m]
+    largest_step = 0.1  # of a joint by the pseudo-inverse [rad]
+    largest_turn = 0.2  # of a joint while crossing over [rad]
+    patience = 5  # steps without progress
+    spread = 0.85  # of the postures of the table, as a share of the joint limit
+    apart = 0.6  # so different the next posture is, in one joint at least [rad]
+
+    def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
+        return np.zeros((len(start), _STEPS, 3))
+
+    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+        q, limit = memory.commanded, self.joint_limit
+        error = reading.target - reading.tip
+        memory = self._watch(reading, np.hypot(*error.T), memory)
+        step = self._resolved_rate(q, self.gain * error)
+        goal = np.clip(np.where(memory.crossing[:, None], memory.restart_at, q + step), -limit, limit)
+        gap = goal - q
+        gap = gap * np.minimum(1.0, self.largest_turn / np.maximum(np.abs(gap).max(axis=1, keepdims=True), 1e-12))
+        change = np.stack(self.nominal.control(tuple((q + gap).T)), axis=1) - reading.inputs
+        share = 1.0 / np.maximum(np.abs(change).max(axis=1, keepdims=True) / self.rate, 1.0)
+        commanded = q + share * gap
+        return share * change / self.rate, memory._replace(commanded=commanded, step=memory.step + 1)
+
+    def _resolved_rate(self, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Joint steps (n, 3) [rad] for wanted tip steps (n, 2) [m]."""
+        jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
+        near = np.clip((self.joint_limit - np.abs(q)) / self.zone, 0.0, 1.0)
+        weight = np.ones_like(q)
+        for _ in range(2):  # a joint that is about to run into its limit moves less; on the limit, not at all
+            inner = np.einsum("nij,nj,nkj->nik", jacobian, weight, jacobian) + self.damping**2 * np.eye(2)
+            inverse = np.einsum("nj,nij,nik->njk", weight, jacobian, np.linalg.inv(inner))
+            step = np.einsum("njk,nk->nj", inverse, wanted)
+            weight = np.where(step * q > 0, near, 1.0)
+        # Damping lets some of the centring through to the tip: it fades away near the target.
+        centre = -self.centring * np.minimum(1.0, np.hypot(*wanted.T)[:, None] / self.fade) * q
+        step += centre - np.einsum("njk,nkl,nl->nj", inverse, jacobian, centre)
+        return np.asarray(
+            step * np.minimum(1.0, self.largest_step / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
+        )
+
+    def _watch(self, reading: Reading, distance: np.ndarray, memory: Memory) -> Memory:
+        """Begin to cross over to another posture where there was no progress, and end it there."""
+        q, limit = memory.commanded, self.joint_limit
+        progress = (distance < 0.98 * memory.least) | (distance <= self.core.task.tolerance)
+        waited = np.where(progress, 0, memory.waited + 1)
+        stuck = (waited > self.patience) & (np.abs(q).max(axis=1) > limit - 0.1) & ~memory.crossing
+        table = self.spread * limit * _POSTURES
+        tips = np.stack(self.nominal.tip(tuple(table.T)), axis=1)
+        away = np.linalg.norm(reading.target[:, None] - tips, axis=2)
+        away += np.where(np.abs(table - q[:, None]).max(axis=2) < self.apart, np.inf, 0.0)
+        restart_at = np.where(stuck[:, None], table[away.argmin(axis=1)], memory.restart_at)
+        there = np.abs(restart_at - q).max(axis=1) < 1e-3
+        crossing = (memory.crossing | stuck) & ~there
+        restart = crossing | (memory.crossing & ~crossing)
+        return memory._replace(
+            waited=np.where(restart, 0, waited),
+            least=np.where(restart, np.inf, np.minimum(memory.least, distance)),
+            restart_at=restart_at,
+            crossing=crossing,
+        )
+
+
+class Observer(ReachController):
+    """Solves configuration and load from tip and inputs; then the loaded control law along a path that stays stable.
+
+    It goes to the posture of the target's self-motion curve to which the straight joint path is stable under the
+    identified load and within the limits of joints and free lengths: among those with enough clearance, the shortest.
+    """
+
+    knows = "the nominal design; identifies configuration and load from tip and inputs, checks stability"
+
+    def _identified(self, reading: Reading, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Configuration (n, 3) [rad] and load (n, 2) [N]."""
+        lengths = np.stack(self.nominal.free_lengths(tuple(reading.inputs.T)), axis=1)
+        estimate = explain(self.nominal, reading.tip, lengths)
+        return estimate.configuration, estimate.load
+
+    def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
+        q, load = self._identified(reading, index)
+        goal, _ = choose_posture(self.nominal, self.bound, q, reading.target, load)
+        paths = [np.stack(ends) for ends in zip(q, goal, strict=True)]
+        return self._scheduled(paths, load)
+
+    def _scheduled(self, paths: list[np.ndarray], load: np.ndarray) -> np.ndarray:
+        plans = [schedule(self.nominal, p, f, self.rate, _STEPS) for p, f in zip(paths, load, strict=True)]
+        return np.asarray(np.clip(np.stack(plans), -self.bound, self.bound))
+
+
+class Oracle(Observer):
+    """Told the true load; runs its plan in the nominal model first, and where the straight path fails, goes round by
+    intermediate postures of a road map.
+    """
+
+    wants_privileged = True
+    knows = "the true load; plans paths inside the set of stable postures"
+    attempts = 4
+
+    def begin_episodes(self, mask: np.ndarray, design: DualTriangleDesign, privileged: Episode | None = None) -> None:
+        """Take the nominal design and the true episodes.
+
+        Raises:
+            ValueError: the evaluation did not hand over the true episodes.
+        """
+        if privileged is None:
+            raise ValueError(
+                "Oracle: needs the privileged episodes (evaluate it through tensegrity_agents.evaluation.rollout)"
+            )
+        super().begin_episodes(mask, design, privileged)
+
+    def _identified(self, reading: Reading, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        assert self.privileged is not None
+        q, found = super()._identified(reading, index)
+        load = np.empty_like(found)
+        for axis, force in enumerate(self.privileged.load):
+            load[:, axis] = force[index] if np.ndim(force) else force
+        return q, load
+
+    def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
+        plans = super()._plan(reading, start, index)
+        q, load = self._identified(reading, index)
+        failed = np.flatnonzero(self._final_error(q, reading, plans, load) > self.core.task.tolerance / 2)
+        for i in failed:
+            for seed in range(self.attempts):
+                roads = RoadMap(self.nominal, self.bound, load[i], np.random.default_rng(seed))
+                path = roads.path(q[i], reading.target[i], self.rate)
+                if not path:
+                    continue
+                plan = self._scheduled([np.array([q[i], *path])], load[[i]])
+                one = np.array([i])
+                if self._final_error(q[one], reading.take(one), plan, load[one])[0] <= self.core.task.tolerance / 2:
+                    plans[i] = plan[0]
+                    break
+        return plans
+
+    def _final_error(self, q: np.ndarray, reading: Reading, plans: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """Distance of the tip from the target at the end of plans [m], (n,); infinite where the arm buckles."""
+        inputs, fine = reading.inputs, np.ones(len(q), bool)
+        tip = reading.tip
+        for step in range(plans.shape[1]):
+            wanted = inputs + np.clip(plans[:, step] - inputs, -self.rate, self.rate)
+            q, stable, tip = advance(self.nominal, q, inputs, wanted, load)
+            inputs, fine = wanted, fine & stable
+        return np.where(fine, np.hypot(*(tip - reading.target).T), np.inf)
