@@ -32,9 +32,9 @@ class Sampler:
     """Draws loads, starts and targets, each a function of (seed, episode) alone.
 
     Start: a random posture of the unloaded arm, whose control inputs are kept while the load is put on gradually; it
-    counts if the arm stays stable and within its limits. Target: where a random walk of the inputs ends, three straight
-    legs, at most 80 steps at full rate; a leg that loses stability or ends beyond the limits is not taken. So an episode
-    can be solved by that very walk (about one walk in a thousand passes a joint limit between its corners).
+    counts if the arm stays stable and within its limits. Target: where a random walk of the inputs ends, three
+    straight legs, at most 80 steps at full rate; a leg that loses stability or ends beyond the limits is not taken. So
+    an episode can be solved by that very walk (about one in a thousand passes a joint limit between its corners).
 
     Args:
         arm: nominal.
