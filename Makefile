@@ -20,6 +20,7 @@ check: .venv/installed
 
 bench: .venv/installed
 	$(BIN)/python scripts/benchmark.py
+	$(BIN)/python tests/mechanics/benchmark_workspace.py
 
 analyze: .venv/installed
 	$(BIN)/python scripts/analyze.py two-x
