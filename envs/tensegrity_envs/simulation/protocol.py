@@ -17,7 +17,8 @@ class State(NamedTuple):
         inputs: tensions [N] or free lengths [m].
         tip: position (x, y) [m].
         stability_margin: [-], positive where stable; on failure that of the state that could not be reached.
-        wrench_margin: [-], likewise.
+        wrench_margin: [-], likewise: how far tensions (of the dual-triangle: free lengths and joint angles) are from
+            their bounds.
         failure: index into FAILURES. The other fields then hold the last state that was stable and wrench-feasible.
         time: steps since the episode began.
     """

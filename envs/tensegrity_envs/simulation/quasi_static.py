@@ -192,7 +192,9 @@ class DeltaControl(InputControl):
     def margins(
         self, mechanism: DualTriangle, q: Components, inputs: Components, load: Components
     ) -> tuple[Component, Component]:
-        """Stability margin; distance of the inputs to their bounds, divided by the nominal free length."""
+        """Stability margin; and, as the wrench margin, the smaller of two distances to the limits: of the inputs to their
+        bounds, divided by the nominal free length, and of the joint angles to theirs, divided by the joint limit.
+        """
         low, high = self.bounds(mechanism)
         xp = namespace_of(*inputs, *q)
         slack: Component = None
@@ -200,7 +202,10 @@ class DeltaControl(InputControl):
             here = xp.minimum(value - low, high - value)
             slack = here if slack is None else xp.minimum(slack, here)
         stability = mechanism.stability_margin(q, self.free_lengths(mechanism, inputs), load)
-        return stability, slack / mechanism.design.free_length1
+        room = xp.minimum(
+            slack / mechanism.design.free_length1, mechanism.limit_margin(q) / mechanism.design.joint_limit
+        )
+        return stability, room
 
     def usual_inputs(self, mechanism: DualTriangle, q: Components, load: Components) -> Components:
         """Those of the control law [m]."""
