@@ -192,8 +192,8 @@ class DeltaControl(InputControl):
     def margins(
         self, mechanism: DualTriangle, q: Components, inputs: Components, load: Components
     ) -> tuple[Component, Component]:
-        """Stability margin; and, as the wrench margin, the smaller of two distances to the limits: of the inputs to their
-        bounds, divided by the nominal free length, and of the joint angles to theirs, divided by the joint limit.
+        """Stability margin; and, as the wrench margin, the smaller of two distances: of the inputs to their bounds,
+        divided by the nominal free length, and of the joint angles to their limit, divided by that limit.
         """
         low, high = self.bounds(mechanism)
         xp = namespace_of(*inputs, *q)
