@@ -1,0 +1,172 @@
+"""Compiled component code gives what the same code gives on floats and arrays."""
+
+import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tensegrity_envs.mechanics import MURALIDHARAN2022, DualTriangle, TwoX
+from tensegrity_envs.mechanics.compiling import evaluate
+from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.namespace import namespace_of, to_single
+from tensegrity_envs.mechanics.polynomials import real_roots
+from tensegrity_envs.mechanics.structure import Layout, leaves
+
+
+def everything(x, y):
+    """Every operation that component code may use."""
+    xp = namespace_of(x, y)
+    positive = abs(x) + 1.5
+    return {
+        "arithmetic": (x + y - 2.5 * x / positive, -x * 3 + 1 - y**2 + positive**0.5),
+        "functions": (xp.sin(x), xp.cos(y), xp.sqrt(positive), xp.atan2(x, y), xp.hypot(x, y)),
+        "choice": xp.where((x > y) & ~(x > 1) | (y >= 2), xp.minimum(x, y), xp.maximum(x, 0.25)),
+        "conditions": (x <= y, x != y),
+        "single": to_single(x),
+        "constant": 7.5,
+    }
+
+
+@settings(max_examples=60, deadline=None)
+@given(x=st.floats(-1e3, 1e3), y=st.floats(-1e3, 1e3))
+def test_compiled_operations_are_those_of_floats(x, y):
+    compiled, plain = evaluate(everything, x, y), everything(x, y)
+
+    def is_number(value):
+        return isinstance(value, float | bool)
+
+    for one, other in zip(leaves(compiled, is_number), leaves(plain, is_number), strict=True):
+        assert type(one) is type(other)
+        assert one == pytest.approx(other, rel=1e-14, abs=1e-14)
+
+
+def test_batches_broadcast_and_keep_their_kinds():
+    x = np.linspace(-2, 2, 7)
+    found = evaluate(everything, x, 0.5)
+    assert found["conditions"][0].dtype == bool
+    np.testing.assert_allclose(found["choice"], everything(x, np.full(7, 0.5))["choice"], atol=1e-15)
+    with pytest.raises(ValueError, match="shape"):
+        evaluate(everything, np.zeros((2, 3)), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("arm", "inputs"),
+    [
+        (TwoX(replace(MURALIDHARAN2022, payload=np.linspace(0, 0.4, 50))), 4),
+        (DualTriangle(), 6),
+    ],
+    ids=["two-x", "dual-triangle"],
+)
+def test_compiled_statics_are_those_of_arrays(arm, inputs):
+    rng = np.random.default_rng(0)
+    q = tuple(rng.uniform(-1.4, 1.4, (arm.degrees_of_freedom, 50)))
+    forces = tuple(rng.uniform(0.01, 0.09, (inputs, 50)))
+    expected = arm.statics(q, forces)
+    found = evaluate(_statics, arm.design, q, forces)
+    for one, other in zip(leaves(found, is_array), leaves(expected, is_array), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+def is_array(value):
+    return isinstance(value, np.ndarray)
+
+
+def _statics(design, q, forces):
+    return (TwoX if len(q) == 2 else DualTriangle)(design).statics(q, forces)
+
+
+def test_branching_on_a_value_and_following_outside_of_a_trace_are_explained():
+    with pytest.raises(TypeError, match=r"xp\.where"):
+        evaluate(lambda x: 1.0 if x > 0 else 2.0, 0.5)
+    with pytest.raises(TypeError, match="evaluate"):
+        follow(lambda q, t: ((q[0],), ((1.0,),)), (0.5,))
+
+
+def test_a_path_of_known_solution_is_followed():
+    """The minimum of cosh(x) - a(t) x, x = asinh(a); and the one of x^3/3 - c(t) x, which ends at c = 0."""
+
+    def growing(a):
+        def path(q, t):
+            x = q[0]
+            xp = namespace_of(x)
+            # sinh and cosh by their series: component code has no exponential
+            sinh = x + x**2 * x / 6 + x**2 * x**2 * x / 120 + x**2 * x**2 * x**2 * x / 5040
+            cosh = 1 + x**2 / 2 + x**2 * x**2 / 24 + x**2 * x**2 * x**2 / 720
+            return (sinh - t * a + 0 * xp.sin(x),), ((cosh,),)
+
+        return follow(path, (0.0 * a,))
+
+    (x,), fraction = evaluate(growing, np.array([0.5, 1.0, 1.5]))
+    np.testing.assert_allclose(x, np.arcsinh([0.5, 1.0, 1.5]), atol=2e-4)
+    assert (fraction == 1).all()
+
+    def ending(c):
+        def path(q, t):
+            return (q[0] ** 2 - (c - t * (c + 1.0)),), ((2 * q[0],),)
+
+        return follow(path, (namespace_of(c).sqrt(c),))
+
+    (x,), fraction = evaluate(ending, np.array([0.25, 1.0, 4.0]))
+    np.testing.assert_allclose(fraction, np.array([0.25, 1.0, 4.0]) / np.array([1.25, 2.0, 5.0]), atol=2e-3)
+    assert (x > 0).all()
+
+
+@settings(max_examples=50, deadline=None)
+@given(roots=st.lists(st.floats(-5, 5), min_size=8, max_size=8), seed=st.integers(0, 99))
+def test_real_roots_are_found(roots, seed):
+    """Four real roots at least 0.1 apart and four complex ones away from the axis."""
+    real = np.unique(np.round(np.array(roots[:4]), 1))
+    pairs = np.array(roots[4:6]) + 1j * (0.5 + np.abs(roots[6:8]))
+    wanted = np.concatenate([real, pairs, pairs.conj()])
+    polynomial = np.real(np.poly(wanted))[::-1] * (1 + seed)
+    owner, found = real_roots(polynomial[None])
+    assert (owner == 0).all()
+    near = np.abs(found[:, None] - real).min(axis=0)
+    assert near.max(initial=0.0) < 1e-5
+    verified = [
+        x for x in found if abs(np.polyval(polynomial[::-1], x)) < 1e-6 * np.polyval(np.abs(polynomial[::-1]), abs(x))
+    ]
+    assert all(np.abs(x - real).min() < 1e-2 for x in verified)
+
+
+def test_a_layout_packs_and_unpacks():
+    tree = {"a": (np.arange(3.0), np.array([True, False, True])), "b": [np.array([1, 2, 3])], "c": "kept"}
+    layout = Layout(tree)
+    matrix = layout.pack(tree, 3)
+    assert matrix.shape == (3, 3)
+    back = layout.unpack(matrix)
+    assert back["c"] == "kept"
+    assert back["a"][1].dtype == bool
+    np.testing.assert_array_equal(back["b"][0], tree["b"][0])
+    one = layout.unpack(matrix[:, 1])
+    assert one == {"a": (1.0, False), "b": [2], "c": "kept"}
+    with pytest.raises(ValueError, match="expected"):
+        layout.pack({"a": (np.arange(3.0),)}, 3)
+
+
+def test_compiled_code_is_kept_and_a_directory_that_cannot_be_written_does_no_harm(tmp_path):
+    code = (
+        "from tensegrity_envs.mechanics import TwoX; "
+        "print(TwoX().equilibrium((60., 20., 15., 40.), (0., 0.)).configuration)"
+    )
+
+    def run(directory):
+        environment = os.environ | {"TENSEGRITY_CACHE_DIR": str(directory)}
+        command = [sys.executable, "-c", code]
+        return subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout
+
+    first = run(tmp_path / "kernels")
+    files = {path: path.stat().st_mtime_ns for path in (tmp_path / "kernels").glob("tensegrity_kernel_*.py")}
+    assert files
+    assert list((tmp_path / "kernels").rglob("*.nbc"))
+    assert run(tmp_path / "kernels") == first
+    assert {path: path.stat().st_mtime_ns for path in files} == files
+    (tmp_path / "a file").write_text("")
+    assert run(tmp_path / "a file") == first
+    assert math.isfinite(float(first.strip("()\n").split(",")[0]))
