@@ -1,0 +1,261 @@
+"""Which bars of a planar mechanism make one rigid body, and how the bodies hang together, found from its nodes.
+
+Nothing about a mechanism is written down a second time: its nodes at many configurations tell which of them move as one
+body, which stay at rest, and where bodies share a point (a hinge). A tree of hinges from the ground reaches every body;
+hinges outside the tree close loops. Positions are complex numbers x + i y [m] here.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from tensegrity_envs.mechanics.design import Member
+
+FLIP_LIMIT = 2.6  # |q| [rad] up to which the crossed assembly of a loop is kept by joint limits
+_SAME = 1e-9  # relative: positions that differ by less are one
+_SAMPLES = 40
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body.
+
+    Attributes:
+        nodes: the names of its nodes.
+        bars: the bars that it is made of.
+        frame: the two nodes, far apart, that tell its orientation.
+        parent: the body, by index, that carries it; -1 of the ground.
+        hinge: the node in which it turns on its parent; of the ground any.
+    """
+
+    nodes: tuple[str, ...]
+    bars: tuple[Member, ...]
+    frame: tuple[str, str]
+    parent: int = -1
+    hinge: str = ""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A hinge outside the tree: the node (by its name on either side) in which two bodies meet."""
+
+    first: int
+    first_node: str
+    second: int
+    second_node: str
+
+
+class Linkage:
+    """The rigid bodies of a planar mechanism, a tree of hinges, and the loops.
+
+    Joint angles [rad] are those of the children against their parents, counter-clockwise, zero at the configuration
+    q = 0; one for every body but the ground.
+
+    Args:
+        mechanism: with `degrees_of_freedom`, `nodes(q)`, `members` and `design.joint_limit`.
+
+    Raises:
+        ValueError: it is a batch of designs, is not planar, or its configuration is not linear in the joint angles.
+
+    Attributes:
+        bodies: the ground, then each body after its parent, depth first.
+        loops: hinges outside the tree.
+        ranges: lowest and highest joint angle within the joint limits [rad], shape (bodies - 1, 2).
+        reading: q = reading @ joint angles, shape (degrees of freedom, bodies - 1).
+        limit: |q| is at most this [rad].
+        reference: nodes at q = 0 [m].
+    """
+
+    def __init__(self, mechanism: Any) -> None:
+        self.mechanism = mechanism
+        if any(np.ndim(value) for value in vars(mechanism.design).values()):
+            raise ValueError(f"{type(mechanism).__name__}: takes one design, not a batch of them")
+        self.size = int(mechanism.degrees_of_freedom)
+        self.limit = min(float(np.min(mechanism.design.joint_limit)), FLIP_LIMIT)
+        inside = np.random.default_rng(0).uniform(-self.limit, self.limit, (_SAMPLES, self.size))
+        corners = np.array(list(product((-self.limit, 0.0, self.limit), repeat=self.size)))
+        samples = np.concatenate([inside, corners])
+        nodes = self._nodes_at(samples)
+        self.reference = {name: complex(z) for name, z in self._nodes_at(np.zeros(self.size)).items()}
+        self.length = max(abs(z).max() for z in nodes.values())
+        bodies = self._bodies(nodes)
+        self.bodies, self.loops = self._tree(bodies, nodes)
+        angles = self.joint_angles(samples)
+        self.ranges = np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1)
+        self.reading = np.linalg.lstsq(angles, samples, rcond=1e-9)[0].T
+        if abs(angles @ self.reading.T - samples).max() > 1e-9:
+            raise ValueError(f"{type(mechanism).__name__}: its configuration is not linear in the angles of its hinges")
+        self.invariants = self._invariants(nodes)
+
+    # ------------------------------------------------------------------------------------------------ what it finds
+
+    def _nodes_at(self, q: np.ndarray) -> dict[str, Any]:
+        nodes = self.mechanism.nodes(tuple(q.tolist()) if q.ndim == 1 else tuple(np.moveaxis(q, -1, 0)))
+        if any(len(position) != 2 for position in nodes.values()):
+            raise ValueError(f"{type(self.mechanism).__name__}: only planar mechanisms are modelled")
+        shape = q.shape[:-1]
+        return {name: np.broadcast_to(x + 1j * np.asarray(y), shape) for name, (x, y) in nodes.items()}
+
+    def _constant(self, values: np.ndarray, scale: float) -> bool:
+        return bool(abs(values - values[0]).max() < _SAME * scale)
+
+    def _bodies(self, nodes: dict[str, Any]) -> list[Body]:
+        """The ground first, then in the order of the bars."""
+        ground = tuple(name for name, z in nodes.items() if self._constant(z, self.length))
+        found: dict[tuple[str, ...], list[Member]] = {ground: []}
+        for member in self.mechanism.members:
+            first, second = (nodes[name] for name in member.nodes)
+            if member.kind != "bar" or abs(second - first).max() < _SAME * self.length:
+                continue
+            if all(name in ground for name in member.nodes):
+                found[ground].append(member)
+                continue
+            attached = tuple(
+                name for name, z in nodes.items() if self._constant((z - first) / (second - first), self.length)
+            )
+            found.setdefault(attached, []).append(member)
+        bodies = []
+        for names, bars in found.items():
+            pairs = [(abs(self.reference[a] - self.reference[b]), a, b) for a in names for b in names]
+            _, a, b = max(pairs) if pairs else (0.0, "", "")
+            bodies.append(Body(names, tuple(bars), (a, b)))
+        return bodies
+
+    def _tree(self, bodies: list[Body], nodes: dict[str, Any]) -> tuple[tuple[Body, ...], tuple[Loop, ...]]:
+        # A hinge is where bodies share a point; the largest of them carries the others. Nodes may coincide for good.
+        edges: list[tuple[int, str, int, str]] = []
+        names = list(nodes)
+        seen: set[str] = set()
+        for name in names:
+            if name in seen:
+                continue
+            here = [other for other in names if abs(nodes[other] - nodes[name]).max() < _SAME * self.length]
+            seen.update(here)
+            meeting = [i for i, body in enumerate(bodies) if any(other in body.nodes for other in here)]
+            if not meeting:
+                continue
+            hub = 0 if 0 in meeting else max(meeting, key=lambda i: len(bodies[i].bars))
+            node_of = {i: next(other for other in here if other in bodies[i].nodes) for i in meeting}
+            edges += [(hub, node_of[hub], i, node_of[i]) for i in meeting if i != hub]
+        parents: dict[int, tuple[int, str]] = {0: (-1, "")}
+        queue, used = [0], set()
+        while queue:
+            at = queue.pop(0)
+            for number, (a, a_node, b, b_node) in enumerate(edges):
+                other = {a: b, b: a}.get(at)
+                if other is not None and other not in parents:
+                    parents[other] = (at, b_node if other == b else a_node)
+                    used.add(number)
+                    queue.append(other)
+        if len(parents) < len(bodies):
+            lost = [bodies[i].nodes for i in range(len(bodies)) if i not in parents]
+            raise ValueError(f"{type(self.mechanism).__name__}: bodies {lost} do not hang on the ground")
+        order: list[int] = []
+
+        def visit(i: int) -> None:
+            order.append(i)
+            for child in (c for c in parents if parents[c][0] == i):
+                visit(child)
+
+        visit(0)
+        number_of = {old: new for new, old in enumerate(order)}
+        tree = tuple(
+            Body(bodies[i].nodes, bodies[i].bars, bodies[i].frame, number_of.get(parents[i][0], -1), parents[i][1])
+            for i in order
+        )
+        loops = tuple(
+            Loop(number_of[a], a_node, number_of[b], b_node)
+            for number, (a, a_node, b, b_node) in enumerate(edges)
+            if number not in used
+        )
+        return tree, loops
+
+    def _invariants(self, nodes: dict[str, Any]) -> tuple[tuple[tuple[str, str], tuple[str, str], float], ...]:
+        """Pairs of cables whose lengths have a constant product: the lateral sides of an X-joint, l^2 - b^2 [m2]."""
+        cables = [member.nodes for member in self.mechanism.members if member.kind == "cable"]
+        found = []
+        for first, second in zip(cables[::2], cables[1::2], strict=False):
+            lengths = abs(nodes[first[1]] - nodes[first[0]]) * abs(nodes[second[1]] - nodes[second[0]])
+            if self._constant(lengths, self.length**2):
+                found.append((first, second, float(lengths[0])))
+        return tuple(found)
+
+    # --------------------------------------------------------------------------------------------------- kinematics
+
+    def joint_angles(self, q: Any) -> np.ndarray:
+        """Joint angles [rad] of the exactly closed mechanism, (..., bodies - 1), at q of shape (..., n)."""
+        q = np.asarray(q, float)
+        nodes = self._nodes_at(q)
+        turns = [np.ones(q.shape[:-1], complex)]
+        angles = []
+        for body in self.bodies[1:]:
+            a, b = body.frame
+            turns.append((nodes[b] - nodes[a]) / (self.reference[b] - self.reference[a]))
+            angles.append(np.angle(turns[-1] / turns[body.parent]))
+        return np.stack(angles, axis=-1)
+
+    def _frames(self, angles: np.ndarray) -> list[tuple[Any, Any]]:
+        """Position and orientation of every body; a body's origin is its hinge."""
+        turn = np.exp(1j * angles)
+        frames: list[tuple[Any, Any]] = [(np.zeros(angles.shape[:-1], complex), np.ones(angles.shape[:-1], complex))]
+        for i, body in enumerate(self.bodies[1:]):
+            origin, orientation = frames[body.parent]
+            frames.append((origin + orientation * self.local(body.hinge, body.parent), orientation * turn[..., i]))
+        return frames
+
+    def local(self, node: str, body: int) -> complex:
+        """Position of a node in the axes of a body, which are the world's at q = 0."""
+        return self.reference[node] - (self.reference[self.bodies[body].hinge] if body else 0.0)
+
+    def owner(self, node: str) -> int:
+        """The first body that has the node."""
+        for i, body in enumerate(self.bodies):
+            if node in body.nodes:
+                return i
+        raise ValueError(f"node {node!r} belongs to no body")
+
+    def positions(self, angles: np.ndarray) -> dict[str, np.ndarray]:
+        """Positions of the nodes [m] at any joint angles, loops closed or not, of shape (..., bodies - 1)."""
+        frames = self._frames(np.asarray(angles, float))
+        found = {}
+        for name in self.reference:
+            i = self.owner(name)
+            found[name] = frames[i][0] + frames[i][1] * self.local(name, i)
+        return found
+
+    def loop_error(self, angles: np.ndarray) -> np.ndarray:
+        """Largest distance between the two sides of a loop's hinge [m], shape (...,); 0 without loops."""
+        angles = np.asarray(angles, float)
+        frames = self._frames(angles)
+        error = np.zeros(angles.shape[:-1])
+        for loop in self.loops:
+            (p, u), (r, v) = frames[loop.first], frames[loop.second]
+            first = p + u * self.local(loop.first_node, loop.first)
+            error = np.maximum(error, abs(first - r - v * self.local(loop.second_node, loop.second)))
+        return error
+
+    def loop_jacobian(self, angles: np.ndarray) -> np.ndarray:
+        """Derivatives of the gaps (x, y) of all loops in the joint angles [m/rad], shape (2 loops, bodies - 1)."""
+        frames = self._frames(np.asarray(angles, float))
+        rows = np.zeros((2 * len(self.loops), len(self.bodies) - 1))
+        for number, loop in enumerate(self.loops):
+            for body, node, sign in ((loop.first, loop.first_node, 1.0), (loop.second, loop.second_node, -1.0)):
+                end = frames[body][0] + frames[body][1] * self.local(node, body)
+                at = body
+                while at:  # every hinge on the way to the ground turns it
+                    swing = 1j * (end - frames[at][0]) * sign
+                    rows[2 * number : 2 * number + 2, at - 1] += swing.real, swing.imag
+                    at = self.bodies[at].parent
+        return rows
+
+    def assembly_error(self, angles: np.ndarray) -> np.ndarray:
+        """Largest |left right / (l^2 - b^2) - 1| of the X-joints [-]: far from 0 where one flipped; 0 without them."""
+        error = np.zeros(np.asarray(angles).shape[:-1])
+        if self.invariants:
+            nodes = self.positions(angles)
+            for first, second, value in self.invariants:
+                sides = [abs(nodes[b] - nodes[a]) for a, b in (first, second)]
+                error = np.maximum(error, abs(sides[0] * sides[1] / value - 1))
+        return error
