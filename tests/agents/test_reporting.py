@@ -32,6 +32,7 @@ def made_up(
     """A run that succeeds in its first episodes, in 20 steps, and in the others ends 50 mm off after 100 steps."""
     success = np.arange(episodes) < successes
     values = {key: np.full(episodes, 0.5) for key in COLUMNS} | {
+        "score": np.full(episodes, np.nan),
         "success": success.astype(float),
         "success_ever": success.astype(float),
         "final_error_m": np.where(success, 0.001, 0.05),
@@ -159,6 +160,21 @@ def test_verdict_is_plain_about_who_wins():
     assert "look for an error in the simulator" in words(ppo=1000, oracle=900)
     assert "simulator" not in words(ppo=1000, oracle=999)
     assert "beats the random policy, random" in words(ppo=500, random=3)
+
+
+def test_verdict_goes_by_the_score_where_there_is_one():
+    """Both always succeed; one holds more."""
+    runs = [made_up("ppo", "agent", 100), made_up("observer", "baseline", 100)]
+    for run, held in zip(runs, (1.65, 1.73), strict=True):
+        run.columns["score"] = held + np.linspace(-0.01, 0.01, 100)
+    rows = table.summary_rows(runs)
+    assert table.score_text(rows[1]).startswith("1.73 [1.7")
+    assert "loses to the best baseline, observer" in table.verdict(rows)
+    assert "0.08 in score (1.65 against 1.73); the 95% intervals do not overlap" in table.verdict(rows)
+    console = Console(width=110, record=True)
+    table.print_table(rows, console)
+    assert "score" in console.export_text()
+    assert "score, 95% interval" in table.to_markdown(rows)
 
 
 def test_verdict_without_agents_or_success():

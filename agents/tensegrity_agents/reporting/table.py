@@ -147,9 +147,14 @@ def best_baseline(rows: list[Row]) -> Row | None:
 
 
 def _best(rows: list[Row]) -> Row | None:
-    def rank(row: Row) -> tuple[float, float, float]:
-        steps = row["steps_median"]
-        return row["success"], -(math.inf if math.isnan(steps) else steps), -row["error_p95_mm"]
+    def rank(row: Row) -> tuple[float, ...]:
+        steps, score = row["steps_median"], row.get("score", math.nan)
+        return (
+            row["success"],
+            0.0 if math.isnan(score) else score,
+            -(math.inf if math.isnan(steps) else steps),
+            -row["error_p95_mm"],
+        )
 
     return max(rows, key=rank, default=None)
 
@@ -333,6 +338,17 @@ def _named(row: Row, title: str = "") -> str:
 
 
 def _compare(ours: Row, theirs: Row) -> tuple[str, str]:
+    """How ours stands to theirs, and by how much: by the score where there is one, else by the success rate."""
+    scores = [row.get("score", math.nan) for row in (ours, theirs)]
+    if not any(math.isnan(score) for score in scores):
+        gap = scores[0] - scores[1]
+        if round(gap, 2) == 0:
+            return "is level with", f" in score ({scores[0]:.2f})"
+        by = f", by {abs(gap):.2f} in score ({scores[0]:.2f} against {scores[1]:.2f})"
+        overlap = ours["score_low"] <= theirs["score_high"] and theirs["score_low"] <= ours["score_high"]
+        if overlap:
+            return ("is ahead of" if gap > 0 else "is behind"), f"{by}; the 95% intervals overlap"
+        return ("beats" if gap > 0 else "loses to"), f"{by}; the 95% intervals do not overlap"
     points = 100 * (ours["success"] - theirs["success"])
     if points == 0:
         return "is level with", ""

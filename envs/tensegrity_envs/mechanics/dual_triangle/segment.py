@@ -56,7 +56,7 @@ class DualTriangleSegment:
         c1, c2 = xp.hypot(a1, b1), xp.hypot(a2, b2)
         self._gg = c1 * c2
         self._d = ((a1 - a2) * (a1 + a2) + (b1 - b2) * (b1 + b2)) / (c1 + c2)  # c1 - c2 without its cancellation
-        self._equal = bool(np.all(self._d == 0))
+        self._equal = not is_symbol(self._d) and bool(np.all(self._d == 0))
         self._cos = xp.cos(design.beta12 / 2)
         self._sin = xp.sin(design.beta12 / 2)
         self._root = 2 * xp.sqrt(self._gg)
