@@ -38,7 +38,7 @@ def write_comparison(
     look = figures.looks({run.controller: run.kind for run in runs})
     shown = {name: c for name, c in comparison.controllers.items() if name != "random"}
     agent = next(iter(comparison.controllers))
-    steps = 8
+    steps = 7 if isinstance(core.task, Hold) else 8
     done = 0
 
     def drawn(what: str) -> None:
@@ -57,7 +57,7 @@ def write_comparison(
         keep("scores", figures.scores(runs))
     else:
         keep("error", figures.error_distribution(runs, core.task.tolerance))
-    keep("steps", figures.success_over_steps(runs))
+        keep("steps", figures.success_over_steps(runs))
     paths = {name: _paths(controller, experiment, _PATHS) for name, controller in shown.items()}
     if isinstance(core.design, TwoXDesign):
         shade = figures.swfw(core.design)

@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 import tensegrity_envs  # noqa: F401  (registers the ids)
+from tensegrity_envs.tasks import Hold
 
 _PANEL = 300  # width and height of one controller's picture [pixels]
 _HEADER = 26  # height of the names above [pixels]
@@ -84,6 +85,8 @@ class _Player:
         self._state: Any = None
         self._begins = True
         self.ended, self._failed = False, False
+        # Holding goes on after success, until it ends.
+        self._goes_on = isinstance(self._env.unwrapped.core.task, Hold)  # type: ignore[attr-defined]
         self.film: list[Image.Image] = []  # the panel at every step
         self.settled_since = 0
         self.on_target = bool(info["is_success"])
@@ -96,7 +99,7 @@ class _Player:
 
     @property
     def is_settled(self) -> bool:
-        return self.ended or self.on_target
+        return self.ended or (self.on_target and not self._goes_on)
 
     def step(self) -> None:
         """One step; once the episode has ended, the last picture stays."""
