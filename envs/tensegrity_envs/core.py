@@ -61,6 +61,36 @@ class InfoEntry(NamedTuple):
     kind: str
 
 
+def sees_everything(observe: str) -> bool:
+    """Whether joint angles and margins are observed.
+
+    Raises:
+        ValueError: `observe` is neither "full" nor "tip_and_inputs".
+    """
+    if observe not in ("full", "tip_and_inputs"):
+        raise ValueError(f"observe = {observe!r}: must be 'full' or 'tip_and_inputs'")
+    return observe == "full"
+
+
+def tip_inputs_and_angles(
+    state: State, reach: float, bounds: tuple[Component, Component], everything: bool
+) -> list[Component]:
+    """The observation that the arms share.
+
+    tip / reach (2), inputs from -1 at their lower to 1 at their upper bound, and, if everything is observed, sine and
+    cosine of each joint angle, stability and wrench margin m as m / (1 + |m|) (2).
+    """
+    xp = namespace_of(state.tip[0])
+    low, high = bounds
+    parts = [component / reach for component in state.tip]
+    parts += [(2 * value - (high + low)) / (high - low) for value in state.inputs]
+    if everything:
+        for angle in state.configuration:
+            parts += [xp.sin(angle), xp.cos(angle)]
+        parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
+    return parts
+
+
 class Core(ABC):
     """What the shells run. A subclass brings a mechanism, the way it is driven and drawn, and what is seen of it.
 
@@ -239,7 +269,7 @@ class Core(ABC):
     # ------------------------------------------------------------------------------------------------ relabelling
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """Reward of the dense or sparse form for any goals, as `step` gives it. See `ReachEnv.compute_reward`."""
+        """Reward of the dense or sparse form for any goals, as `step` gives it. See `ManipulatorEnv.compute_reward`."""
         outcomes, single = self._relabelled(achieved_goal, desired_goal, info)
         reward = outcomes[self.outcomes.rows.reward]
         return float(reward[0]) if single else reward

@@ -5,10 +5,10 @@ from typing import Any, Literal
 import numpy as np
 
 from tensegrity_envs.arms.dual_triangle_sampling import Sampler, hold_start
-from tensegrity_envs.core import Core, Drawn
+from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_angles
 from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
-from tensegrity_envs.mechanics.namespace import Component, namespace_of, to_single
+from tensegrity_envs.mechanics.namespace import Component, to_single
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.simulation.quasi_static import DeltaControl, FreeLengthControl
@@ -45,20 +45,9 @@ class _DualTriangle(Core):
         return DualTriangle(design, SEGMENTS)
 
     def observation(self, state: State) -> list[Component]:
-        """Components of the "observation" entry, each within [-1, 1].
-
-        tip / reach (2), inputs from -1 at their lower to 1 at their upper bound, and, if all is observed, sine and
-        cosine of each joint angle (6), stability and wrench margin m as m / (1 + |m|) (2).
-        """
-        xp = namespace_of(state.tip[0])
-        low, high = self.simulation.bounds(self.nominal)
-        parts = [component / self.reach for component in state.tip]
-        parts += [(2 * value - (high + low)) / (high - low) for value in state.inputs]
-        if self.observe_all:
-            for angle in state.configuration:
-                parts += [xp.sin(angle), xp.cos(angle)]
-            parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
-        return parts
+        """See `core.tip_inputs_and_angles`."""
+        bounds = self.simulation.bounds(self.nominal)
+        return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all)
 
     def _observation_size(self) -> int:
         return 2 + self.simulation.action_size + (2 * SEGMENTS + 2 if self.observe_all else 0)
@@ -116,9 +105,7 @@ class DualTriangleReach(_DualTriangle):
         tolerance: float = 0.003,
     ) -> None:
         self._take_design(design)
-        if observe not in ("full", "tip_and_inputs"):
-            raise ValueError(f"observe = {observe!r}: must be 'full' or 'tip_and_inputs'")
-        self.observe_all = observe == "full"
+        self.observe_all = sees_everything(observe)
         self.simulation = DeltaControl(self.nominal)
         self.task = Reach(
             input_scale=float(design.free_length1),
@@ -178,11 +165,9 @@ class DualTrianglePush(_DualTriangle):
         self._take_design(design)
         if design.springs != "bilateral":
             raise ValueError(f"design.springs = {design.springs!r}: must be 'bilateral'")
-        if observe not in ("full", "tip_and_inputs"):
-            raise ValueError(f"observe = {observe!r}: must be 'full' or 'tip_and_inputs'")
+        self.observe_all = sees_everything(observe)
         if not (np.isfinite(load_per_step) and load_per_step > 0):
             raise ValueError(f"load_per_step = {load_per_step!r}: must be positive")
-        self.observe_all = observe == "full"
         self.simulation = FreeLengthControl(self.nominal)
         self.load_rate = -load_per_step * float(design.k1) * float(design.b1)
         self.task = Hold(

@@ -6,8 +6,8 @@ from typing import Any, Literal
 import numpy as np
 
 from tensegrity_envs.arms.two_x_sampling import Sampler, feasible_solutions
-from tensegrity_envs.core import Core, Drawn
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
+from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_angles
+from tensegrity_envs.mechanics.namespace import Component, Components, to_single
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.simulation.quasi_static import JointControl, TensionControl
@@ -58,8 +58,7 @@ class TwoXReach(Core):
             )
         if control not in CONTROLS:
             raise ValueError(f"control = {control!r}: must be one of {', '.join(map(repr, CONTROLS))}")
-        if observe not in ("full", "tip_and_inputs"):
-            raise ValueError(f"observe = {observe!r}: must be 'full' or 'tip_and_inputs'")
+        self.observe_all = sees_everything(observe)
         if payload_range is not None and control != "tension":
             raise ValueError(
                 "payload_range: needs control = 'tension' (in joint control the cables would give the payload away)"
@@ -69,7 +68,6 @@ class TwoXReach(Core):
         self.nominal = TwoX(self.design)
         self.simulation = CONTROLS[control]()
         self.payload_range = payload_range
-        self.observe_all = observe == "full"
         self.task = Reach(
             input_scale=float(self.design.max_tension),
             joint_span=2 * self.design.joint_limit,
@@ -97,20 +95,9 @@ class TwoXReach(Core):
         )
 
     def observation(self, state: State) -> list[Component]:
-        """Components of the "observation" entry, each within [-1, 1].
-
-        tip / reach (2), tensions from -1 at their minimum to 1 at their maximum (4), and, if all is observed, sine and
-        cosine of each joint angle (4), stability and wrench margin m as m / (1 + |m|) (2).
-        """
-        xp = namespace_of(state.tip[0])
-        low, high = self.design.min_tension, self.design.max_tension
-        parts = [component / self.reach for component in state.tip]
-        parts += [(2 * f - (high + low)) / (high - low) for f in state.inputs]
-        if self.observe_all:
-            for angle in state.configuration:
-                parts += [xp.sin(angle), xp.cos(angle)]
-            parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
-        return parts
+        """See `core.tip_inputs_and_angles`."""
+        bounds = (self.design.min_tension, self.design.max_tension)
+        return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all)
 
     def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
         """The payload [kg]."""

@@ -11,6 +11,7 @@ import numpy as np
 from tensegrity_agents.controllers.dual_triangle.identification import explain
 from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
 from tensegrity_agents.controllers.dual_triangle.stiffening import Loop, hold, withstood
+from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.simulation import Episode
@@ -232,24 +233,11 @@ class PushObserver(PushController):
         return np.where(along == 0, q.T[:, None], ahead)
 
 
-class PushOracle(PushObserver):
+class PushOracle(Privileged, PushObserver):
     """Told how the load grows: plans the posture before the first step."""
 
-    wants_privileged = True
     knows = "how the load grows; plans the posture in advance"
     first_move = 0
-
-    def begin_episodes(self, mask: np.ndarray, design: DualTriangleDesign, privileged: Episode | None = None) -> None:
-        """Take the nominal design and the true episodes.
-
-        Raises:
-            ValueError: the evaluation did not hand over the true episodes.
-        """
-        if privileged is None:
-            raise ValueError(
-                "PushOracle: needs the privileged episodes (evaluate it through tensegrity_agents.evaluation.rollout)"
-            )
-        super().begin_episodes(mask, design, privileged)
 
     def _growth(self, load: np.ndarray, memory: Memory) -> np.ndarray:
         assert self.privileged is not None

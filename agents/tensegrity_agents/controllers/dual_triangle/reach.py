@@ -11,6 +11,7 @@ import numpy as np
 from tensegrity_agents.controllers.dual_triangle.identification import advance, explain
 from tensegrity_agents.controllers.dual_triangle.planning import RoadMap, choose_posture, schedule
 from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
+from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
@@ -266,26 +267,13 @@ class Observer(ReachController):
         return np.asarray(np.clip(np.stack(plans), -self.bound, self.bound))
 
 
-class Oracle(Observer):
+class Oracle(Privileged, Observer):
     """Told the true load; runs its plan in the nominal model first, and where the straight path fails, goes round by
     intermediate postures of a road map.
     """
 
-    wants_privileged = True
     knows = "the true load; plans paths inside the set of stable postures"
     attempts = 4
-
-    def begin_episodes(self, mask: np.ndarray, design: DualTriangleDesign, privileged: Episode | None = None) -> None:
-        """Take the nominal design and the true episodes.
-
-        Raises:
-            ValueError: the evaluation did not hand over the true episodes.
-        """
-        if privileged is None:
-            raise ValueError(
-                "Oracle: needs the privileged episodes (evaluate it through tensegrity_agents.evaluation.rollout)"
-            )
-        super().begin_episodes(mask, design, privileged)
 
     def _identified(self, reading: Reading, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert self.privileged is not None

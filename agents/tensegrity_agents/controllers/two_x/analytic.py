@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_agents.controllers.two_x.planning import choose_solution, plan
 from tensegrity_agents.controllers.two_x.reading import Reading, configuration_from_tip, estimate_payload, read
 from tensegrity_agents.controllers.two_x.tracking import joint_action, tension_action
@@ -205,25 +206,12 @@ class Observer(AnalyticController):
         return TwoX(replace(self.nominal.design, payload=payload))
 
 
-class Oracle(Observer):
+class Oracle(Privileged, Observer):
     """Told the true payload; where no straight joint path is feasible, plans one around the gaps of the feasible
     set.
     """
 
-    wants_privileged = True
     knows = "the true payload; plans paths inside the stable wrench-feasible set"
-
-    def begin_episodes(self, mask: np.ndarray, design: TwoXDesign, privileged: Episode | None = None) -> None:
-        """Take the nominal design and the true episodes.
-
-        Raises:
-            ValueError: the evaluation did not hand over the true episodes.
-        """
-        if privileged is None:
-            raise ValueError(
-                "Oracle: needs the privileged episodes (evaluate it through tensegrity_agents.evaluation.rollout)"
-            )
-        super().begin_episodes(mask, design, privileged)
 
     def _perceive(self, reading: Reading, memory: Memory | None, fresh: np.ndarray) -> Memory:
         assert self.privileged is not None
