@@ -6,18 +6,28 @@ of one column, the vector shell of n; both run the same machine code.
 """
 
 from abc import ABC, abstractmethod
-from functools import cached_property
-from typing import Any, NamedTuple
+from dataclasses import replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
 from tensegrity_envs.mechanics.compiling import Kernel
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
-from tensegrity_envs.mechanics.structure import Layout, is_row
+from tensegrity_envs.mechanics.structure import Layout, is_row, leaves
+from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.rendering import Scene
+from tensegrity_envs.simulation.dynamic import Command, DynamicControl, Motion
+from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Episode, Simulation, State
+from tensegrity_envs.simulation.quasi_static import InputControl
 from tensegrity_envs.tasks import Task
+
+if TYPE_CHECKING:
+    from tensegrity_envs.simulation.mujoco.engine import Engine
+
+_RATE_SCALE = 0.2  # [s], of velocities in observations
 
 
 class Drawn(NamedTuple):
@@ -73,12 +83,25 @@ def sees_everything(observe: str) -> bool:
 
 
 def tip_inputs_and_angles(
-    state: State, reach: float, bounds: tuple[Component, Component], everything: bool
+    state: State,
+    reach: float,
+    bounds: tuple[Component, Component],
+    everything: bool,
+    velocities_of: Any = None,
 ) -> list[Component]:
     """The observation that the arms share.
 
     tip / reach (2), inputs from -1 at their lower to 1 at their upper bound, and, if everything is observed, sine and
-    cosine of each joint angle, stability and wrench margin m as m / (1 + |m|) (2).
+    cosine of each joint angle, stability and wrench margin m as m / (1 + |m|) (2). Last, if velocities are observed,
+    v / (1 + |v|) of each joint rate times 0.2 s, or, if not everything is observed, of the tip's velocity times 0.2 s,
+    divided by the reach (2).
+
+    Args:
+        state: observed.
+        reach: of the arm [m].
+        bounds: of the inputs.
+        everything: whether joint angles and margins are observed.
+        velocities_of: the mechanism whose velocities are observed, or None.
     """
     xp = namespace_of(state.tip[0])
     low, high = bounds
@@ -88,6 +111,12 @@ def tip_inputs_and_angles(
         for angle in state.configuration:
             parts += [xp.sin(angle), xp.cos(angle)]
         parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
+    if velocities_of is not None:
+        rates = state.velocity or (0.0 * state.tip[0],) * len(state.configuration)
+        if not everything:
+            rows = velocities_of.jacobian(state.configuration)
+            rates = tuple(sum(d * rate for d, rate in zip(row, rates, strict=True)) / reach for row in rows)
+        parts += [_RATE_SCALE * rate / (1 + abs(_RATE_SCALE * rate)) for rate in rates]
     return parts
 
 
@@ -105,11 +134,14 @@ class Core(ABC):
         error_name: of the distance to the goal, in `info`.
         error_unit: in which a thousandth of it is told, "mm" or "mrad".
         hidden_names: of the entries of `info` that tell hidden parameters.
+        randomization: of what differs from episode to episode.
+        dynamics: parameters of the dynamic simulation; None in a quasi-static one.
+        engine: of the dynamic simulation; None in a quasi-static one.
     """
 
     design: Any
     nominal: Any
-    simulation: Simulation
+    simulation: Simulation | DynamicControl
     task: Task
     reach: float
     input_name: str
@@ -117,6 +149,9 @@ class Core(ABC):
     error_name: str = "tip_error"
     error_unit: str = "mm"
     hidden_names: tuple[str, ...]
+    randomization: Randomization = Randomization()
+    dynamics: Dynamics | None = None
+    engine: "Engine | None" = None
     observation_space: spaces.Dict
     action_space: spaces.Box
 
@@ -152,6 +187,45 @@ class Core(ABC):
         self.observation_space = spaces.Dict({"observation": box, "achieved_goal": goal, "desired_goal": goal})
         self.action_space = spaces.Box(-1.0, 1.0, (self.simulation.action_size,), np.float32)
 
+    def set_simulation(
+        self,
+        control: InputControl,
+        backend: Literal["quasi_static", "mujoco"],
+        dynamics: Dynamics | dict[str, Any] | None,
+        usual: Dynamics,
+    ) -> None:
+        """Define how the mechanism moves.
+
+        Args:
+            control: its inputs.
+            backend: "quasi_static", or "mujoco" for dynamics.
+            dynamics: parameters of the dynamics, some of them by name, or None for the usual ones.
+            usual: those that are not given.
+
+        Raises:
+            ValueError: there is no such backend, or it has no dynamics; a parameter is unknown or out of range.
+            ImportError: MuJoCo is not installed.
+        """
+        if backend not in ("quasi_static", "mujoco"):
+            raise ValueError(f"backend = {backend!r}: must be 'quasi_static' or 'mujoco'")
+        if backend == "quasi_static":
+            if dynamics is not None:
+                raise ValueError("dynamics: needs backend = 'mujoco'")
+            self.simulation = control
+            return
+        if not isinstance(dynamics, Dynamics):
+            unknown = [name for name in dynamics or {} if name not in Dynamics.__dataclass_fields__]
+            if unknown:
+                raise ValueError(
+                    f"dynamics: there is no {unknown[0]!r}; there are {', '.join(Dynamics.__dataclass_fields__)}"
+                )
+            dynamics = replace(usual, **(dynamics or {}))
+        from tensegrity_envs.simulation.mujoco import Engine
+
+        self.dynamics = dynamics
+        self.engine = Engine(self.nominal, dynamics)
+        self.simulation = DynamicControl(control, self.engine.joints, self.engine.physics_size)
+
     # ------------------------------------------------------------------------------------- what happens, traceable
 
     def achieved(self, state: State) -> Components:
@@ -165,8 +239,14 @@ class Core(ABC):
     def outcome(self, episode: Episode, state: State) -> Outcome:
         """What is to be told about a state."""
         xp = namespace_of(state.tip[0])
-        achieved = tuple(to_single(component) for component in self.achieved(state))
-        error = self.error(xp, achieved, episode.goal)
+        seen = self.measured(state)
+        achieved = tuple(to_single(component) for component in self.achieved(seen))
+        noisy: dict[str, Any] = {}
+        true = achieved
+        if self.randomization.is_noisy:
+            true = tuple(to_single(component) for component in self.achieved(state))
+            noisy = {"true_goal": true}
+        error = self.error(xp, true, episode.goal)
         state = self.task.judge(xp, error, state)
         terms = self.task.reward_terms(xp, error, state, episode)
         total: Component = 0.0
@@ -184,19 +264,64 @@ class Core(ABC):
             "configuration": state.configuration,
             **({self.input_name: state.inputs} if self.input_name else {}),
             **self.hidden(episode, state),
+            **noisy,
+            **{f"random_{name}": value for name, value in episode.random.items()},
             **self.task.measures(state, episode),
             **{f"reward_{name}": term for name, term in terms.items()},
         }
         # In single precision, so that a relabelled reward, from inverse solutions found anew, is the same number.
-        return Outcome(state, tuple(self.observation(state)), achieved, to_single(total), info)
+        seen = seen._replace(stability_margin=state.stability_margin, failure=state.failure)
+        return Outcome(state, tuple(self.observation(seen)), achieved, to_single(total), info)
+
+    def measured(self, state: State) -> State:
+        """The state as the sensors tell it; the tip stays within the goal space."""
+        if not state.noise:
+            return state
+        xp, k = namespace_of(state.tip[0]), len(state.tip)
+        r = self.randomization
+        tip = tuple(
+            xp.minimum(xp.maximum(place + r.tip_noise * z, -self.reach), self.reach)
+            for place, z in zip(state.tip, state.noise[:k], strict=True)
+        )
+        angles = tuple(q + r.angle_noise * z for q, z in zip(state.configuration, state.noise[k:], strict=True))
+        return state._replace(tip=tip, configuration=angles)
 
     def begun(self, episode: Episode, q: Components, inputs: Components | None) -> Outcome:
         """The outcome of beginning an episode."""
-        return self.outcome(episode, self.simulation.start(self.mechanism(episode.design), episode, q, inputs))
+        state = self.simulation.start(self.mechanism(episode.design), episode, q, inputs)
+        pending = ((0.0,) * self.simulation.action_size,) * self.randomization.longest_delay
+        noise = (0.0,) * (len(state.tip) + len(q)) if self.randomization.is_noisy else ()
+        return self.outcome(episode, state._replace(pending=pending, noise=noise))
 
     def stepped(self, episode: Episode, state: State, action: Components) -> Outcome:
         """The outcome of a step."""
-        return self.outcome(episode, self.simulation.advance(self.mechanism(episode.design), episode, state, action))
+        assert not isinstance(self.simulation, DynamicControl)
+        action, state = self.delayed(episode, state, action)
+        new = self.simulation.advance(self.mechanism(episode.design), episode, state, action)
+        return self.outcome(episode, new._replace(pending=state.pending, noise=state.noise))
+
+    def delayed(self, episode: Episode, state: State, action: Components) -> tuple[Components, State]:
+        """The action that is taken now, and the state in which the given one is pending."""
+        if not state.pending:
+            return action, state
+        xp = namespace_of(*action)
+        line = (action, *state.pending)
+        taken = action
+        for k, past in enumerate(state.pending, 1):
+            due = episode.random["actuation_delay"] >= k
+            taken = tuple(xp.where(due, old, new) for old, new in zip(past, taken, strict=True))
+        return taken, state._replace(pending=line[:-1])
+
+    def commanded(self, episode: Episode, state: State, action: Components) -> Command:
+        """What a step tells the engine of a dynamic simulation."""
+        assert isinstance(self.simulation, DynamicControl)
+        action, state = self.delayed(episode, state, action)
+        return self.simulation.command(self.mechanism(episode.design), episode, state, action)
+
+    def arrived(self, episode: Episode, before: State, motion: Motion) -> Outcome:
+        """The outcome of what the engine has simulated."""
+        assert isinstance(self.simulation, DynamicControl)
+        return self.outcome(episode, self.simulation.arrive(self.mechanism(episode.design), episode, before, motion))
 
     # ------------------------------------------------------------------------------------------ batches, as matrices
 
@@ -231,6 +356,16 @@ class Core(ABC):
         return Kernel(self.stepped, self.episodes, self.states, actions)
 
     @cached_property
+    def _command(self) -> Kernel:
+        actions = Layout(tuple(np.zeros(1) for _ in range(self.simulation.action_size)))
+        return Kernel(self.commanded, self.episodes, self.states, actions)
+
+    @cached_property
+    def _arrive(self) -> Kernel:
+        assert self.engine is not None
+        return Kernel(self.arrived, self.episodes, self.states, self.engine.motions)
+
+    @cached_property
     def _outcome(self) -> Kernel:
         return Kernel(self.outcome, self.episodes, self.states)
 
@@ -243,11 +378,80 @@ class Core(ABC):
         drawn = self.draw(seed, episode)
         layouts = self._drawn_layouts
         matrices = [layout.pack(part, len(seed)) for layout, part in zip(layouts, drawn, strict=True)]
-        return matrices[0], self.complete(matrices[0], self._begin(*matrices))
+        episodes, outcomes = matrices[0], self._begin(*matrices)
+        if self.engine is not None:
+            self._begin_motion(outcomes)
+        if self.randomization.is_noisy:
+            outcomes = self._outcome(episodes, self._with_noise(episodes, outcomes, 0))
+        return episodes, self.complete(episodes, outcomes)
 
     def step(self, episodes: np.ndarray, states: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """The outcomes one step later, for actions of shape (action size, n) in [-1, 1]."""
-        return self.complete(episodes, self._step(episodes, states, actions))
+        if self.randomization.is_noisy:
+            states = self._with_noise(episodes, states, 1)
+        if self.engine is None:
+            outcomes = self._step(episodes, states, actions)
+        else:
+            commands = self._command(episodes, states, actions)
+            rows = self._command.result.rows
+            outcomes = self._arrive(
+                episodes,
+                commands[: self.states.size],
+                self.engine.move(
+                    commands[list(rows.state.physics)],
+                    commands[list(rows.actuation)],
+                    commands[list(rows.load)],
+                    self._models(episodes),
+                ),
+            )
+        return self.complete(episodes, outcomes)
+
+    def _begin_motion(self, outcomes: np.ndarray) -> None:
+        """Put the engine's state of an arm at rest into the outcomes."""
+        assert self.engine is not None and isinstance(self.simulation, DynamicControl)
+        rows = self.states.rows
+        inputs = tuple(outcomes[list(rows.inputs)])
+        actuation = np.stack(self.simulation.actuation(self.nominal, inputs))
+        outcomes[list(rows.physics)] = self.engine.begin(outcomes[list(rows.configuration)], actuation)
+
+    def _with_noise(self, episodes: np.ndarray, states: np.ndarray, later: int) -> np.ndarray:
+        """The states with the noise of so many steps later."""
+        rows = self.states.rows
+        states = states[: self.states.size].copy()
+        key = episodes[self.episodes.rows.random["noise_key"]]
+        states[list(rows.noise)] = Randomization.normals(key, states[rows.time] + later, len(rows.noise))
+        return states
+
+    @cached_property
+    def _varied(self) -> list[int]:
+        """Rows of the matrix of episodes on which a simulation's parameters depend."""
+        rows = self.episodes.rows
+        random = [row for name, row in rows.random.items() if name in ("mass", "damping")]
+        return [int(row) for row in (*leaves(rows.design, is_row), *random)]
+
+    def _models(self, episodes: np.ndarray) -> list[Any] | None:
+        """The engine's model of every episode; None where all are the same."""
+        if not self._varied:
+            return None
+        assert self.engine is not None
+        keys = episodes[self._varied].T.tolist()
+        return [
+            self.engine.model_of(tuple(key), partial(self._parameters, episodes[:, i])) for i, key in enumerate(keys)
+        ]
+
+    def _parameters(self, column: np.ndarray) -> tuple[Any, Dynamics]:
+        """Mechanism and dynamics of an episode."""
+        assert self.dynamics is not None
+        episode = self.episodes.unpack(column)
+        mass, damping = (episode.random.get(name, 1.0) for name in ("mass", "damping"))
+        own = self.dynamics
+        dynamics = replace(
+            own,
+            joint_damping=damping * own.joint_damping,
+            bar_line_density=mass * own.bar_line_density,
+            tip_mass=mass * own.tip_mass,
+        )
+        return self.mechanism(episode.design), dynamics
 
     def tell(self, episodes: np.ndarray, states: np.ndarray) -> np.ndarray:
         """The outcomes of being in these states."""
@@ -284,17 +488,22 @@ class Core(ABC):
         """The outcomes with other goals, and whether there is one only, without a batch."""
         achieved, desired, batch, single = self._goals(achieved_goal, desired_goal, info)
         episode = self.episode_of(batch, desired[:, 0], desired[:, 1])
-        state = State(
-            tuple(batch["configuration"].T),
-            tuple(batch[self.input_name].T) if self.input_name in batch else (),
-            (achieved[:, 0], achieved[:, 1]),
-            batch["stability_margin"],
-            batch["wrench_margin"],
-            batch["failure"],
-            batch["step"],
+        random = {name: np.asarray(batch[f"random_{name}"], float) for name in self.episodes.rows.random}
+        episode = episode._replace(random=random)
+        n = len(achieved)
+        if self.randomization.is_noisy:
+            achieved = np.asarray(batch["true_goal"], float)
+        # What the reward does not depend on (velocities, noise) is left at zero.
+        state = self.states.unpack(np.zeros((self.states.size, n)))._replace(
+            configuration=tuple(batch["configuration"].T),
+            inputs=tuple(batch[self.input_name].T) if self.input_name in batch else (),
+            tip=(achieved[:, 0], achieved[:, 1]),
+            stability_margin=batch["stability_margin"],
+            wrench_margin=batch["wrench_margin"],
+            failure=batch["failure"],
+            time=batch["step"],
         )
         state = self.with_achieved(state, tuple(achieved.T))
-        n = len(achieved)
         return self.tell(self.episodes.pack(episode, n), self.states.pack(state, n)), single
 
     def with_achieved(self, state: State, achieved: Components) -> State:
@@ -315,6 +524,8 @@ class Core(ABC):
             )
         keys = ["configuration", "stability_margin", "wrench_margin", "failure", "step", *self.hidden_names]
         keys += [self.input_name] if self.input_name else []
+        keys += [f"random_{name}" for name in self.episodes.rows.random]
+        keys += ["true_goal"] if self.randomization.is_noisy else []
         infos = [info] if isinstance(info, dict) and single else info
         if not isinstance(infos, dict):
             if len(infos) != (1 if single else len(achieved)) or any(key not in i for i in infos for key in keys):

@@ -43,6 +43,28 @@ ENTRIES = (
         {"control": "tension", "payload_range": (0.0, 0.4), "observe": "tip_and_inputs"},
     ),
     Entry(
+        "tensegrity/TwoXTensionReachMuJoCo-v0",
+        "2-X manipulator with its dynamics, cable tension increments",
+        "TwoXReach",
+        {"control": "tension", "backend": "mujoco", "observe_velocities": True},
+        150,
+    ),
+    Entry(
+        "tensegrity/DualTriangleReachMuJoCo-v0",
+        "three dual-triangle segments with their dynamics, control input increments, no load",
+        "DualTriangleReach",
+        {"backend": "mujoco", "observe_velocities": True},
+        150,
+    ),
+    Entry(
+        "tensegrity/DualTriangleLoadedReachMuJoCo-v0",
+        "three dual-triangle segments with their dynamics, control input increments, unknown tip force, only tip, tip "
+        "velocity and inputs observed",
+        "DualTriangleReach",
+        {"load_range": (0.0, 1.5), "observe": "tip_and_inputs", "backend": "mujoco", "observe_velocities": True},
+        150,
+    ),
+    Entry(
         "tensegrity/DualTriangleReach-v0",
         "three dual-triangle segments, control input increments, no load",
         "DualTriangleReach",

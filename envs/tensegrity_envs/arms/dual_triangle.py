@@ -1,5 +1,6 @@
 """The dual-triangle arm as environments: reaching, loaded or not, and holding against a push."""
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -9,7 +10,10 @@ from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_an
 from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.namespace import Component, to_single
+from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.seeding import EpisodeStream
+from tensegrity_envs.simulation.dynamic import DynamicControl
+from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.simulation.quasi_static import DeltaControl, FreeLengthControl
 from tensegrity_envs.tasks import Hold, HoldWeights, Reach, ReachWeights
@@ -22,8 +26,10 @@ _AT_ONCE = 32  # attempts of every episode, in one call
 class _DualTriangle(Core):
     """What the environments of this arm share."""
 
-    simulation: DeltaControl
+    simulation: DeltaControl | DynamicControl
+    design: DualTriangleDesign
     observe_all: bool
+    observe_velocities: bool = False
 
     def _take_design(self, design: DualTriangleDesign) -> None:
         if not isinstance(design, DualTriangleDesign):
@@ -47,10 +53,19 @@ class _DualTriangle(Core):
     def observation(self, state: State) -> list[Component]:
         """See `core.tip_inputs_and_angles`."""
         bounds = self.simulation.bounds(self.nominal)
-        return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all)
+        velocities_of = self.nominal if self.observe_velocities else None
+        return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all, velocities_of)
 
     def _observation_size(self) -> int:
-        return 2 + self.simulation.action_size + (2 * SEGMENTS + 2 if self.observe_all else 0)
+        size = 2 + self.simulation.action_size + (2 * SEGMENTS + 2 if self.observe_all else 0)
+        return size + ((SEGMENTS if self.observe_all else 2) if self.observe_velocities else 0)
+
+    def _randomized(self, random: dict[str, np.ndarray]) -> DualTriangleDesign:
+        """The design with the stiffnesses that episodes have drawn."""
+        factor = random.get("stiffness")
+        if factor is None:
+            return self.design
+        return replace(self.design, k1=self.design.k1 * factor, k2=self.design.k2 * factor)
 
     def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
         """The tip force [N]."""
@@ -59,7 +74,7 @@ class _DualTriangle(Core):
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""
         arm = self.mechanism(episode.design)
-        lengths = self.simulation.free_lengths(arm, state.inputs)
+        lengths = self.simulation.actuation(arm, state.inputs)
         forces = arm.spring_forces(state.configuration, lengths)
         springs = [member.name for member in arm.members if member.kind == "spring"]
         largest = float(self.design.k1) * float(self.design.b1)
@@ -85,10 +100,16 @@ class DualTriangleReach(_DualTriangle):
         reward_type: "dense" or "sparse".
         reward_weights: of the dense reward, by name; those left out keep their default.
         tolerance: success within this distance [m].
+        backend: "quasi_static", or "mujoco" for dynamics.
+        dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`. By default its
+            own, but for ten time steps of 2 ms in a step.
+        observe_velocities: whether velocities are observed; those of a quasi-static arm are zero.
+        randomization: what differs from episode to episode, by name; see `randomization.Randomization`.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
         TypeError: `design` is not a design.
+        ImportError: backend = "mujoco", and MuJoCo is not installed.
     """
 
     input_name = "control_inputs"
@@ -103,10 +124,19 @@ class DualTriangleReach(_DualTriangle):
         reward_type: Literal["dense", "sparse"] = "dense",
         reward_weights: dict[str, float] | ReachWeights | None = None,
         tolerance: float = 0.003,
+        backend: Literal["quasi_static", "mujoco"] = "quasi_static",
+        dynamics: Dynamics | dict[str, Any] | None = None,
+        observe_velocities: bool = False,
+        randomization: Randomization | dict[str, Any] | None = None,
     ) -> None:
         self._take_design(design)
         self.observe_all = sees_everything(observe)
-        self.simulation = DeltaControl(self.nominal)
+        self.observe_velocities = observe_velocities
+        applicable = {"stiffness", "actuation_delay", "tip_noise", "angle_noise"}
+        applicable |= {"mass", "damping"} if backend == "mujoco" else set()
+        self.randomization = Randomization.given(randomization, applicable, f"a {backend} arm of dual-triangles")
+        control = DeltaControl(self.nominal)
+        self.set_simulation(control, backend, dynamics, Dynamics(timestep=0.002, frame_skip=10))
         self.task = Reach(
             input_scale=float(design.free_length1),
             joint_span=2 * float(design.joint_limit),
@@ -114,18 +144,22 @@ class DualTriangleReach(_DualTriangle):
             reward_type=reward_type,
             weights=ReachWeights.given(reward_weights),
         )
-        self.sampler = Sampler(self.nominal, self.simulation, load_range)
+        self.sampler = Sampler(self.nominal, control, load_range)
         self.set_spaces(self._observation_size())
 
     def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
         """See `Core.draw`."""
-        start = self.sampler.draw(seed, episode)
+        random = self.randomization.draw(seed, episode)
+        design = self._randomized(random)
+        start = self.sampler.draw(seed, episode, design)
         goal = tuple(to_single(component) for component in self.nominal.tip(start.target_configuration))
-        return Drawn(Episode(self.design, start.load, (), goal), start.configuration, start.inputs)
+        return Drawn(Episode(design, start.load, (), goal, random=random), start.configuration, start.inputs)
 
     def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
         """See `Core.episode_of`."""
-        return Episode(self.design, tuple(np.asarray(info["load"], float).T), (), (x, y))
+        names = ("stiffness",)
+        design = self._randomized({k: np.asarray(info[f"random_{k}"]) for k in names if f"random_{k}" in info})
+        return Episode(design, tuple(np.asarray(info["load"], float).T), (), (x, y))
 
 
 class DualTrianglePush(_DualTriangle):

@@ -52,8 +52,15 @@ class Sampler:
         self.load_range = (low, high)
         self.critical = float(arm.straight_critical_loads()[0])
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Start:
-        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
+    def draw(self, seed: np.ndarray, episode: np.ndarray, design: DualTriangleDesign | None = None) -> Start:
+        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,).
+
+        Args:
+            seed: of the environments.
+            episode: numbers.
+            design: of these episodes, if it differs from the nominal one.
+        """
+        arm = self.arm if design is None else DualTriangle(design, self.arm.segments)
         n, m = len(seed), self.arm.segments
         stream = EpisodeStream(seed, episode)
         size = self.critical * stream.uniform(*self.load_range)
@@ -64,7 +71,7 @@ class Sampler:
         for _ in range(_MAX_ATTEMPTS):
             here = stream.at(pending)
             force = tuple(load[:, pending])
-            start, delta, target, good = self._try(here, force)
+            start, delta, target, good = self._try(arm.take(pending), here, force)
             stream.skip(m + _LEGS * m)
             done = pending[good]
             q[:, done], inputs[:, done], goal[:, done] = (np.stack(v)[:, good] for v in (start, delta, target))
@@ -73,8 +80,10 @@ class Sampler:
                 return Start(tuple(q), tuple(inputs), tuple(load), tuple(goal))
         raise RuntimeError(f"no start found for {self.arm.design} in {_MAX_ATTEMPTS} draws: lower load_range")
 
-    def _try(self, stream: EpisodeStream, load: Components) -> tuple[Components, Components, Components, np.ndarray]:
-        design, m = self.arm.design, self.arm.segments
+    def _try(
+        self, arm: DualTriangle, stream: EpisodeStream, load: Components
+    ) -> tuple[Components, Components, Components, np.ndarray]:
+        design, m = arm.design, arm.segments
         limit = _SHARE * float(design.joint_limit)
         posture = tuple(stream.uniform(-limit, limit) for _ in range(m))
         low, high = self.control.bounds(self.arm)

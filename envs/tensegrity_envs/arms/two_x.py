@@ -9,12 +9,14 @@ from tensegrity_envs.arms.two_x_sampling import Sampler, feasible_solutions
 from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_angles
 from tensegrity_envs.mechanics.namespace import Component, Components, to_single
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
+from tensegrity_envs.randomization import Randomization
+from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.simulation.quasi_static import JointControl, TensionControl
 from tensegrity_envs.tasks import Reach, ReachWeights
 
 JOINT_LIMIT = 2.6  # [rad] shared with the MuJoCo variants, where a loop could flip beyond it
-CONTROLS: dict[str, type[JointControl] | type[TensionControl]] = {"joint": JointControl, "tension": TensionControl}
+CONTROLS = ("joint", "tension")
 
 
 def environment_design(design: TwoXDesign = MURALIDHARAN2022) -> TwoXDesign:
@@ -33,10 +35,16 @@ class TwoXReach(Core):
         reward_type: "dense" or "sparse".
         reward_weights: of the dense reward, by name; those left out keep their default.
         tolerance: success within this distance [m].
+        backend: "quasi_static", or "mujoco" for dynamics (tension control only).
+        dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`.
+        observe_velocities: whether velocities are observed; those of a quasi-static arm are zero.
+        randomization: what differs from episode to episode, by name; see `randomization.Randomization`. The payload
+            may be given here or as `payload_range`.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
         TypeError: `design` is not a design.
+        ImportError: backend = "mujoco", and MuJoCo is not installed.
     """
 
     input_name = "tensions"
@@ -51,6 +59,10 @@ class TwoXReach(Core):
         reward_type: Literal["dense", "sparse"] = "dense",
         reward_weights: dict[str, float] | ReachWeights | None = None,
         tolerance: float = 0.005,
+        backend: Literal["quasi_static", "mujoco"] = "quasi_static",
+        dynamics: Dynamics | dict[str, Any] | None = None,
+        observe_velocities: bool = False,
+        randomization: Randomization | dict[str, Any] | None = None,
     ) -> None:
         if not isinstance(design, TwoXDesign):
             raise TypeError(
@@ -58,7 +70,17 @@ class TwoXReach(Core):
             )
         if control not in CONTROLS:
             raise ValueError(f"control = {control!r}: must be one of {', '.join(map(repr, CONTROLS))}")
+        if control == "joint" and backend != "quasi_static":
+            raise ValueError(f"backend = {backend!r}: needs control = 'tension' (cables pull, joints have no motors)")
         self.observe_all = sees_everything(observe)
+        self.observe_velocities = observe_velocities
+        applicable = {"stiffness", "mass", "payload", "actuation_delay", "tip_noise", "angle_noise"}
+        applicable |= {"damping"} if backend == "mujoco" else set()
+        self.randomization = Randomization.given(randomization, applicable, f"a {backend} 2-X arm")
+        if self.randomization.payload is not None:
+            if payload_range is not None:
+                raise ValueError("payload_range, and a payload in randomization: give one of them")
+            payload_range = self.randomization.payload
         if payload_range is not None and control != "tension":
             raise ValueError(
                 "payload_range: needs control = 'tension' (in joint control the cables would give the payload away)"
@@ -66,7 +88,10 @@ class TwoXReach(Core):
         self.control = control
         self.design: TwoXDesign = environment_design(design)
         self.nominal = TwoX(self.design)
-        self.simulation = CONTROLS[control]()
+        if control == "joint":
+            self.simulation = JointControl()
+        else:
+            self.set_simulation(TensionControl(), backend, dynamics, Dynamics())
         self.payload_range = payload_range
         self.task = Reach(
             input_scale=float(self.design.max_tension),
@@ -77,7 +102,7 @@ class TwoXReach(Core):
         )
         self.sampler = Sampler(self.design, payload_range)
         self.reach = float(self.nominal.reach)
-        self.set_spaces(2 + 4 + (4 + 2 if self.observe_all else 0))
+        self.set_spaces(2 + 4 + (4 + 2 if self.observe_all else 0) + (2 if observe_velocities else 0))
 
     def mechanism(self, design: TwoXDesign) -> TwoX:
         """See `Core.mechanism`."""
@@ -85,19 +110,32 @@ class TwoXReach(Core):
 
     def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
         """See `Core.draw`."""
-        drawn = self.sampler.draw(seed, episode)
+        random = self.randomization.draw(seed, episode)
+        drawn = self.sampler.draw(seed, episode, self._randomized(random))
         x, y = (to_single(component) for component in drawn.mechanism.tip(drawn.target_configuration))
         solutions: tuple[Components, ...] = ()
         if self.task.reward_type == "dense":
             solutions = feasible_solutions(drawn.mechanism, x, y, drawn.target_configuration)
         return Drawn(
-            Episode(drawn.mechanism.design, (0.0, 0.0), (), (x, y), solutions), drawn.configuration, drawn.tensions
+            Episode(drawn.mechanism.design, (0.0, 0.0), (), (x, y), solutions, random),
+            drawn.configuration,
+            drawn.tensions,
         )
+
+    def _randomized(self, random: dict[str, np.ndarray]) -> TwoXDesign:
+        """The design with the stiffnesses and masses that episodes have drawn."""
+        design = self.design
+        if "stiffness" in random:
+            design = replace(design, k1=design.k1 * random["stiffness"], k2=design.k2 * random["stiffness"])
+        if "mass" in random:
+            design = replace(design, bar_density=design.bar_density * random["mass"])
+        return design
 
     def observation(self, state: State) -> list[Component]:
         """See `core.tip_inputs_and_angles`."""
         bounds = (self.design.min_tension, self.design.max_tension)
-        return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all)
+        velocities_of = self.nominal if self.observe_velocities else None
+        return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all, velocities_of)
 
     def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
         """The payload [kg]."""
@@ -105,7 +143,8 @@ class TwoXReach(Core):
 
     def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
         """See `Core.episode_of`."""
-        design = self.design
+        names = ("stiffness", "mass")
+        design = self._randomized({k: np.asarray(info[f"random_{k}"]) for k in names if f"random_{k}" in info})
         if self.payload_range is not None:
             design = replace(design, payload=np.asarray(info["payload"], float))
         solutions = feasible_solutions(TwoX(design), x, y) if self.task.reward_type == "dense" else ()

@@ -77,20 +77,28 @@ class Sampler:
         i, j = (np.rint((angle + limit) / (2 * limit) * (_GRID - 1)).astype(int) for angle in q)
         return np.asarray(self._pieces[level.astype(int), i, j])
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
-        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
+    def draw(self, seed: np.ndarray, episode: np.ndarray, design: TwoXDesign | None = None) -> Drawn:
+        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,).
+
+        Args:
+            seed: of the environments.
+            episode: numbers.
+            design: of these episodes, but for their payload, if it differs from the nominal one. Connected pieces are
+                still told apart by the nominal one.
+        """
         n = len(seed)
         stream = EpisodeStream(seed, episode)
         payload = np.full(n, float(self.design.payload))
-        mechanism = TwoX(self.design)
+        unloaded = TwoX(self.design if design is None else design)
+        mechanism = unloaded
         if self.payload_range is not None:
             payload = stream.uniform(*self.payload_range)
-            mechanism = TwoX(replace(self.design, payload=payload))
+            mechanism = TwoX(replace(unloaded.design, payload=payload))
         start, tensions = np.zeros((2, n)), np.zeros((4, n))
         pending = np.arange(n)
         for _ in range(_MAX_ATTEMPTS):
             here = stream.at(pending)
-            q, forces, good = self._try_start(here, payload[pending])
+            q, forces, good = self._try_start(unloaded.take(pending), here, payload[pending])
             stream.skip(2)
             start[:, pending[good]] = np.stack(q)[:, good]
             tensions[:, pending[good]] = np.stack(forces)[:, good]
@@ -120,13 +128,15 @@ class Sampler:
         limit = self.design.joint_limit
         return stream.uniform(-limit, limit), stream.uniform(-limit, limit)
 
-    def _try_start(self, stream: EpisodeStream, payload: np.ndarray) -> tuple[Components, Components, np.ndarray]:
-        nominal = TwoX(self.design)
+    def _try_start(
+        self, nominal: TwoX, stream: EpisodeStream, payload: np.ndarray
+    ) -> tuple[Components, Components, np.ndarray]:
         q = self._uniform(stream)
         good = _inside(nominal, q)
         tensions = nominal.stiffest_tensions(q)
         if self.payload_range is not None:
             index = np.flatnonzero(good)
+            nominal = nominal.take(index)
             part = tuple(f[index] for f in tensions)
             rest = tuple(angle[index] for angle in q)
             heaviest = np.full(len(index), float(self.payload_range[1]))

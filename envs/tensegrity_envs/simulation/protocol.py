@@ -5,12 +5,24 @@ from typing import Any, NamedTuple, Protocol
 from tensegrity_envs.mechanics.namespace import Component, Components
 
 RUNNING, UNSTABLE, WRENCH_INFEASIBLE, BUCKLED, JOINT_LIMIT, OFF_TARGET, SINGULAR = range(7)
+DIVERGED, FLIPPED, SLACK = range(7, 10)
 # Why an episode was terminated; `State.failure` indexes it.
-FAILURES = ("", "unstable", "wrench-infeasible", "buckled", "joint limit", "off target", "singular")
+FAILURES = (
+    "",
+    "unstable",
+    "wrench-infeasible",
+    "buckled",
+    "joint limit",
+    "off target",
+    "singular",
+    "simulation diverged",
+    "assembly flipped",
+    "cable slack",
+)
 
 
 class State(NamedTuple):
-    """A manipulator at rest.
+    """A manipulator: at rest in the quasi-static simulations, in motion in the dynamic ones.
 
     Attributes:
         configuration: joint angles [rad].
@@ -21,6 +33,10 @@ class State(NamedTuple):
             their bounds.
         failure: index into FAILURES. The other fields then hold the last state that was stable and wrench-feasible.
         time: steps since the episode began.
+        velocity: joint rates [rad/s]; none in the quasi-static simulations.
+        physics: from which a dynamic simulation goes on; none in the quasi-static ones.
+        pending: actions that have been given and not yet been taken, the newest first; none without a delay.
+        noise: of the sensors, in standard deviations; none without noise.
     """
 
     configuration: Components
@@ -30,6 +46,10 @@ class State(NamedTuple):
     wrench_margin: Component
     failure: Component
     time: Component
+    velocity: Components = ()
+    physics: Components = ()
+    pending: tuple[Components, ...] = ()
+    noise: Components = ()
 
 
 class Episode(NamedTuple):
@@ -41,6 +61,7 @@ class Episode(NamedTuple):
         load_rate: what is added to it in every step [N].
         goal: target position (x, y) [m], as float32 numbers.
         solutions: feasible configurations that put the tip there, for the reward; none in the sparse form.
+        random: what was randomized, by name; see `randomization.Randomization`.
     """
 
     design: Any
@@ -48,6 +69,7 @@ class Episode(NamedTuple):
     load_rate: Components
     goal: Components
     solutions: tuple[Components, ...] = ()
+    random: dict[str, Component] = {}  # noqa: RUF012  (never changed)
 
     def load_at(self, time: Component) -> Components:
         """The load after so many steps [N]."""

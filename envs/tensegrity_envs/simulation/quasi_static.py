@@ -93,22 +93,35 @@ class InputControl(ABC):
     def usual_inputs(self, mechanism: Any, q: Components, load: Components) -> Components:
         """The inputs that hold q."""
 
+    def actuation(self, mechanism: Any, inputs: Components) -> Components:
+        """What the actuators do under these inputs: tensions [N] or free lengths [m]; here the inputs themselves."""
+        return inputs
+
+    def slack(self, mechanism: Any, q: Components, inputs: Components) -> Component:
+        """By how much a cable that could hang slack does, in nominal free lengths; here none can."""
+        return 0.0 * q[0]
+
+    def moved(self, mechanism: Any, inputs: Components, action: Components) -> Components:
+        """The inputs after an action; they saturate at their bounds."""
+        low, high = self.bounds(mechanism)
+        xp = namespace_of(*inputs)
+        return tuple(clip(xp, f + self.rate * a, low, high) for f, a in zip(inputs, action, strict=True))
+
     def start(self, mechanism: Any, episode: Episode, q: Components, inputs: Components | None = None) -> State:
         """See `Simulation.start`."""
         load = episode.load_at(0)
         inputs = self.usual_inputs(mechanism, q, load) if inputs is None else inputs
-        return self._at(mechanism, q, inputs, load, 0.0 * q[0])
+        return self.at_rest(mechanism, q, inputs, load, 0.0 * q[0])
 
-    def _at(self, mechanism: Any, q: Components, inputs: Components, load: Components, time: Component) -> State:
+    def at_rest(self, mechanism: Any, q: Components, inputs: Components, load: Components, time: Component) -> State:
+        """The state in a configuration that these inputs hold."""
         stability, wrench = self.margins(mechanism, q, inputs, load)
         return State(q, inputs, mechanism.tip(q), stability, wrench, RUNNING, time)
 
     def advance(self, mechanism: Any, episode: Episode, state: State, action: Components) -> State:
         """See `Simulation.advance`."""
         xp = namespace_of(*state.configuration)
-        low, high = self.bounds(mechanism)
-        old = state.inputs
-        new = tuple(clip(xp, f + self.rate * a, low, high) for f, a in zip(old, action, strict=True))
+        old, new = state.inputs, self.moved(mechanism, state.inputs, action)
         time = state.time + 1
         load, next_load = episode.load_at(state.time), episode.load_at(time)
         ramp = bool(episode.load_rate)
@@ -122,7 +135,7 @@ class InputControl(ABC):
 
         u, fraction = follow(path, self.to_coordinates(mechanism, state.configuration), self.resolution)
         q = self.from_coordinates(mechanism, u)
-        reached = self._at(mechanism, q, *between(fraction), time)
+        reached = self.at_rest(mechanism, q, *between(fraction), time)
         outside: Component = abs(q[0]) > mechanism.design.joint_limit
         for angle in q[1:]:
             outside = outside | (abs(angle) > mechanism.design.joint_limit)
@@ -181,13 +194,23 @@ class DeltaControl(InputControl):
         largest = min(mechanism.design.free_length1, mechanism.design.free_length2)
         return -largest, largest
 
-    def free_lengths(self, mechanism: DualTriangle, inputs: Components) -> Components:
+    def actuation(self, mechanism: DualTriangle, inputs: Components) -> Components:
         """The free lengths [m] that the inputs stand for."""
         return mechanism.free_lengths(inputs)
 
+    def slack(self, mechanism: DualTriangle, q: Components, inputs: Components) -> Component:
+        """See `InputControl.slack`; bilateral springs push instead."""
+        most: Component = 0.0 * q[0]
+        if mechanism.design.springs == "cable":
+            xp = namespace_of(*q)
+            lengths = mechanism.spring_lengths(q)
+            for length, free in zip(lengths, self.actuation(mechanism, inputs), strict=True):
+                most = xp.maximum(most, (free - length) / mechanism.design.free_length1)
+        return most
+
     def statics(self, mechanism: DualTriangle, u: Components, inputs: Components, load: Components) -> Any:
         """See `DualTriangle.statics`."""
-        return mechanism.statics(u, self.free_lengths(mechanism, inputs), load)
+        return mechanism.statics(u, self.actuation(mechanism, inputs), load)
 
     def margins(
         self, mechanism: DualTriangle, q: Components, inputs: Components, load: Components
@@ -201,7 +224,7 @@ class DeltaControl(InputControl):
         for value in inputs:
             here = xp.minimum(value - low, high - value)
             slack = here if slack is None else xp.minimum(slack, here)
-        stability = mechanism.stability_margin(q, self.free_lengths(mechanism, inputs), load)
+        stability = mechanism.stability_margin(q, self.actuation(mechanism, inputs), load)
         room = xp.minimum(
             slack / mechanism.design.free_length1, mechanism.limit_margin(q) / mechanism.design.joint_limit
         )
@@ -225,7 +248,7 @@ class FreeLengthControl(DeltaControl):
         """From zero to 1.5 times the nominal free length [m]."""
         return 0.0, self.highest * mechanism.design.free_length1
 
-    def free_lengths(self, mechanism: DualTriangle, inputs: Components) -> Components:
+    def actuation(self, mechanism: DualTriangle, inputs: Components) -> Components:
         """The inputs themselves."""
         return inputs
 

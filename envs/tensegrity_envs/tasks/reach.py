@@ -28,6 +28,10 @@ class Reach(Task):
     joint_span: float
     weights: ReachWeights = field(default_factory=ReachWeights)
 
+    def is_success(self, error: Component, state: State, episode: Episode) -> Component:
+        """Whether the tip is within tolerance and the arm could rest there: a moving arm may be where it could not."""
+        return super().is_success(error, state, episode) & (state.stability_margin > 0)
+
     def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
         """The weighted terms of the reward by name; all zero in the step in which the episode fails.
 
@@ -38,7 +42,7 @@ class Reach(Task):
             episode: its solutions make the potential; none leaves it out.
         """
         running = xp.where(state.failure == RUNNING, 1.0, 0.0)
-        success = xp.where(error <= self.tolerance, running, 0.0)
+        success = xp.where(self.is_success(error, state, episode), running, 0.0)
         if self.reward_type == "sparse":
             return {"success": success}
         w = self.weights

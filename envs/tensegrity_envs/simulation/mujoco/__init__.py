@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING, Any
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 
 if TYPE_CHECKING:
+    from tensegrity_envs.simulation.mujoco.engine import Engine
     from tensegrity_envs.simulation.mujoco.model import MujocoModel, RolloutResult, Settled
 
-__all__ = ["Dynamics", "MujocoModel", "RolloutResult", "Settled"]
+__all__ = ["Dynamics", "Engine", "MujocoModel", "RolloutResult", "Settled"]
 
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:
-        from tensegrity_envs.simulation.mujoco import model
+        from tensegrity_envs.simulation.mujoco import engine, model
     except ModuleNotFoundError as error:
         if error.name != "mujoco":
             raise
         raise ImportError(
             'the dynamic simulations need MuJoCo 4 or later: pip install "tensegrity-envs[mujoco]"', name="mujoco"
         ) from error
-    return getattr(model, name)
+    return engine.Engine if name == "Engine" else getattr(model, name)

@@ -1,0 +1,135 @@
+"""What may differ from episode to episode, without the controllers knowing."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from tensegrity_envs.seeding import EpisodeStream, uniform
+
+_FIRST_DRAW = 1 << 22  # beyond every draw of the episodes' starts and targets
+_KEYS = 2.0**53
+
+
+@dataclass(frozen=True)
+class Randomization:
+    """Ranges from which every episode draws, uniformly; None leaves a quantity as it is.
+
+    `info` tells what was drawn, as random_<name>; controllers do not see it.
+
+    Attributes:
+        stiffness: factor of all spring stiffnesses.
+        mass: factor of all masses of bars, and of the mass at the tip.
+        damping: factor of the joints' viscous damping.
+        payload: at the tip [kg].
+        actuation_delay: whole steps after which an action is taken; until then the inputs stay as they are.
+        tip_noise: standard deviation of the measured tip position, in each direction [m].
+        angle_noise: standard deviation of the measured joint angles [rad].
+    """
+
+    stiffness: tuple[float, float] | None = None
+    mass: tuple[float, float] | None = None
+    damping: tuple[float, float] | None = None
+    payload: tuple[float, float] | None = None
+    actuation_delay: tuple[int, int] | None = None
+    tip_noise: float = 0.0
+    angle_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            ValueError: a range is not (low, high) with low <= high, or a number is out of range; the message names it.
+        """
+        for name in ("stiffness", "mass", "damping", "payload", "actuation_delay"):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            above = name in ("stiffness", "mass")
+            try:
+                low, high = given
+                fine = bool(np.isfinite([low, high]).all()) and (low > 0 if above else low >= 0) and low <= high
+                fine &= name != "actuation_delay" or (int(low) == low and int(high) == high)
+            except (TypeError, ValueError):
+                fine = False
+            if not fine:
+                what = ("whole numbers, " if name == "actuation_delay" else "") + ("0 < " if above else "0 <= ")
+                raise ValueError(f"randomization: {name} = {given!r}: must be (low, high), {what}low <= high")
+            object.__setattr__(self, name, tuple(given))
+        for name in ("tip_noise", "angle_noise"):
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and np.isfinite(value) and value >= 0):
+                raise ValueError(f"randomization: {name} = {value!r}: must be zero or positive")
+
+    @classmethod
+    def given(
+        cls, randomization: "dict[str, Any] | Randomization | None", applicable: Collection[str], where: str
+    ) -> "Randomization":
+        """From names and ranges.
+
+        Args:
+            randomization: by name, or None for none.
+            applicable: names of the quantities that the environment has.
+            where: the environment, for the message.
+
+        Raises:
+            ValueError: a name is unknown or does not apply, or a range is wrong.
+            TypeError: it is neither.
+        """
+        if not isinstance(randomization, cls | dict | None):
+            raise TypeError(f"randomization = {randomization!r}: must be a dict such as {{'stiffness': (0.9, 1.1)}}")
+        names = {field.name for field in fields(cls)}
+        if isinstance(randomization, dict):
+            for name in randomization:
+                if name not in names:
+                    raise ValueError(f"randomization: there is no {name!r}; there are {', '.join(sorted(applicable))}")
+            randomization = cls(**randomization)
+        result = randomization or cls()
+        for name in result.names:
+            if name not in applicable:
+                raise ValueError(
+                    f"randomization: {name!r} does not apply to {where}; there are {', '.join(sorted(applicable))}"
+                )
+        return result
+
+    @property
+    def names(self) -> list[str]:
+        """Of what is randomized."""
+        default = Randomization.__dataclass_fields__
+        return [name for name in default if getattr(self, name) != default[name].default]
+
+    @property
+    def longest_delay(self) -> int:
+        """Of the actions, in steps."""
+        return int(self.actuation_delay[1]) if self.actuation_delay else 0
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether sensors are."""
+        return self.tip_noise > 0 or self.angle_noise > 0
+
+    def draw(self, seed: np.ndarray, episode: np.ndarray) -> dict[str, np.ndarray]:
+        """What the episodes of the given (seed, episode) pairs, both of shape (n,), draw, by name; but the payload."""
+        stream = EpisodeStream(seed, episode, _FIRST_DRAW)
+        drawn = {}
+        for name in ("stiffness", "mass", "damping"):
+            number = stream.uniform()  # drawn in any case, so that one range does not change another one's numbers
+            if getattr(self, name) is not None:
+                low, high = getattr(self, name)
+                drawn[name] = low + (high - low) * number
+        number = stream.uniform()
+        if self.actuation_delay is not None:
+            low, high = self.actuation_delay
+            drawn["actuation_delay"] = np.minimum(np.floor(low + (high - low + 1) * number), high)
+        if self.is_noisy:
+            drawn["noise_key"] = np.floor(_KEYS * stream.uniform())
+        return drawn
+
+    @staticmethod
+    def normals(key: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:
+        """Standard normal numbers of shape (count, n): functions of (key, step) alone, for each of n environments."""
+        place = step.astype(np.int64) * count + np.arange(count)[:, None]
+        numbers = uniform(key.astype(np.int64)[None], np.zeros((1, 1), np.int64), place)
+        return np.asarray(ndtri(numbers + 2.0**-54))

@@ -1,0 +1,80 @@
+"""MuJoCo as the engine of an environment: matrices with one column for each environment."""
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tensegrity_envs.mechanics.structure import Layout
+from tensegrity_envs.simulation.dynamic import Motion
+from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
+from tensegrity_envs.simulation.mujoco.model import MujocoModel
+
+_MODELS_KEPT = 4096  # of other parameters, about 30 kB each
+_FOR_A_THREAD = 8  # environments that are worth one
+
+
+class Engine:
+    """Simulates n environments for the time of a step.
+
+    Args:
+        mechanism: with the nominal parameters.
+        dynamics: what it does not tell.
+
+    Attributes:
+        model: of these parameters.
+        joints: how many angles a configuration has.
+        physics_size: numbers in a state.
+        motions: layout of a matrix of `Motion`s.
+    """
+
+    def __init__(self, mechanism: Any, dynamics: Dynamics) -> None:
+        self.model = MujocoModel(mechanism, dynamics)
+        self.joints = self.model.linkage.size
+        self.physics_size = self.model.state_size
+        self._models: dict[tuple[float, ...], Any] = {}
+        row = np.zeros(1)
+        self.motions = Layout(Motion((row,) * self.joints, (row,) * self.joints, (row,) * self.physics_size, row, row))
+        self._cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+    def begin(self, q: np.ndarray, actuation: np.ndarray) -> np.ndarray:
+        """States of arms at rest, shape (physics size, n).
+
+        Args:
+            q: shape (joints, n) [rad].
+            actuation: that the actuators have reached, shape (inputs, n).
+        """
+        low, high = self.model.input_bounds
+        return np.ascontiguousarray(self.model.state(q.T, None, np.clip(actuation.T, low, high)).T)
+
+    def move(
+        self, physics: np.ndarray, actuation: np.ndarray, loads: np.ndarray, models: list[Any] | None
+    ) -> np.ndarray:
+        """The matrix of motions, one step later.
+
+        Args:
+            physics: shape (physics size, n).
+            actuation: tensions [N] or free lengths [m], shape (inputs, n).
+            loads: at the tip [N], shape (2, n).
+            models: of every environment, from `model_of`; None for the nominal one.
+        """
+        model, n = self.model, physics.shape[1]
+        threads = max(1, min(self._cores, n // _FOR_A_THREAD))
+        found = model.rollout(physics.T, actuation.T, loads.T, nthread=threads, models=models)
+        error = model.assembly_error(found.states) if model.linkage.loops else np.zeros(n)
+        parts = (model.configuration(found.states), model.velocity(found.states), found.states)
+        return np.concatenate([*(part.T for part in parts), found.diverged[None], error[None]])
+
+    def model_of(self, key: tuple[float, ...], parameters: Callable[[], tuple[Any, Dynamics]]) -> Any:
+        """MuJoCo's model of other parameters, from memory or made now.
+
+        Args:
+            key: tells parameters apart.
+            parameters: gives mechanism and dynamics.
+        """
+        if key not in self._models:
+            if len(self._models) >= _MODELS_KEPT:
+                del self._models[next(iter(self._models))]
+            self._models[key] = self.model.variant(*parameters())
+        return self._models[key]
