@@ -41,6 +41,7 @@ class Outcome(NamedTuple):
         state: after the step.
         observation: components of the "observation" entry, each within [-1, 1].
         achieved: tip position as a float32 number [m].
+        desired: the goal at this moment, as a float32 number [m].
         reward: of the step, a float32 number.
         info: by name, numbers or vectors.
     """
@@ -48,6 +49,7 @@ class Outcome(NamedTuple):
     state: State
     observation: Components
     achieved: Components
+    desired: Components
     reward: Component
     info: dict[str, Any]
 
@@ -129,7 +131,7 @@ class Core(ABC):
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
 
     @abstractmethod
-    def observation(self, state: State) -> list[Component]:
+    def observation(self, state: State, episode: Episode) -> list[Component]:
         """Components of the "observation" entry, each within [-1, 1]."""
 
     @abstractmethod
@@ -137,8 +139,8 @@ class Core(ABC):
         """Entries of `info` that tell the hidden parameters of the episode, by the names in `hidden_names`."""
 
     @abstractmethod
-    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
-        """The episode whose hidden parameters `info` tells, with the target at (x, y), arrays of shape (n,)."""
+    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """The episode whose hidden parameters `info` tells, with this goal at rest, arrays of shape (n,)."""
 
     @abstractmethod
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
@@ -160,13 +162,17 @@ class Core(ABC):
 
     def error(self, xp: Any, achieved: Components, goal: Components) -> Component:
         """Distance of the achieved from the desired goal [m]."""
-        return xp.hypot(achieved[0] - goal[0], achieved[1] - goal[1])
+        distance = xp.hypot(achieved[0] - goal[0], achieved[1] - goal[1])
+        for here, there in zip(achieved[2:], goal[2:], strict=True):
+            distance = xp.hypot(distance, here - there)
+        return distance
 
     def outcome(self, episode: Episode, state: State) -> Outcome:
         """What is to be told about a state."""
         xp = namespace_of(state.tip[0])
         achieved = tuple(to_single(component) for component in self.achieved(state))
-        error = self.error(xp, achieved, episode.goal)
+        desired = episode.goal_at(state.time)
+        error = self.error(xp, achieved, desired)
         state = self.task.judge(xp, error, state)
         terms = self.task.reward_terms(xp, error, state, episode)
         total: Component = 0.0
@@ -188,7 +194,7 @@ class Core(ABC):
             **{f"reward_{name}": term for name, term in terms.items()},
         }
         # In single precision, so that a relabelled reward, from inverse solutions found anew, is the same number.
-        return Outcome(state, tuple(self.observation(state)), achieved, to_single(total), info)
+        return Outcome(state, tuple(self.observation(state, episode)), achieved, desired, to_single(total), info)
 
     def begun(self, episode: Episode, q: Components, inputs: Components | None) -> Outcome:
         """The outcome of beginning an episode."""
@@ -283,18 +289,19 @@ class Core(ABC):
     def _relabelled(self, achieved_goal: Any, desired_goal: Any, info: Any) -> tuple[np.ndarray, bool]:
         """The outcomes with other goals, and whether there is one only, without a batch."""
         achieved, desired, batch, single = self._goals(achieved_goal, desired_goal, info)
-        episode = self.episode_of(batch, desired[:, 0], desired[:, 1])
+        episode = self.episode_of(batch, tuple(desired.T))
+        n = len(achieved)
         state = State(
             tuple(batch["configuration"].T),
             tuple(batch[self.input_name].T) if self.input_name in batch else (),
-            (achieved[:, 0], achieved[:, 1]),
+            tuple(achieved.T[: len(self.states.rows.tip)]),
             batch["stability_margin"],
             batch["wrench_margin"],
             batch["failure"],
             batch["step"],
+            tuple(np.zeros(n) for _ in self.states.rows.record),  # no reward depends on it
         )
         state = self.with_achieved(state, tuple(achieved.T))
-        n = len(achieved)
         return self.tell(self.episodes.pack(episode, n), self.states.pack(state, n)), single
 
     def with_achieved(self, state: State, achieved: Components) -> State:
@@ -331,10 +338,10 @@ class Core(ABC):
 
     def picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
         """What `render` draws."""
-        error = float(self.error(np, self.achieved(state), episode.goal))
+        error = float(self.error(np, self.achieved(state), episode.goal_at(state.time)))
         usual: dict[str, Any] = {
             "tip": state.tip,
-            "target": episode.goal,
+            "target": episode.goal_at(state.time),
             "tolerance": self.task.tolerance,
             "trace": trace,
             "margins": {"stability": state.stability_margin, "wrench": state.wrench_margin},

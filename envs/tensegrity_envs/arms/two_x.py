@@ -94,7 +94,7 @@ class TwoXReach(Core):
             Episode(drawn.mechanism.design, (0.0, 0.0), (), (x, y), solutions), drawn.configuration, drawn.tensions
         )
 
-    def observation(self, state: State) -> list[Component]:
+    def observation(self, state: State, episode: Episode) -> list[Component]:
         """See `core.tip_inputs_and_angles`."""
         bounds = (self.design.min_tension, self.design.max_tension)
         return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all)
@@ -103,13 +103,13 @@ class TwoXReach(Core):
         """The payload [kg]."""
         return {"payload": episode.design.payload}
 
-    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
+    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
         design = self.design
         if self.payload_range is not None:
             design = replace(design, payload=np.asarray(info["payload"], float))
-        solutions = feasible_solutions(TwoX(design), x, y) if self.task.reward_type == "dense" else ()
-        return Episode(design, (0.0, 0.0), (), (x, y), solutions)
+        solutions = feasible_solutions(TwoX(design), *goal) if self.task.reward_type == "dense" else ()
+        return Episode(design, (0.0, 0.0), (), goal, solutions)
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""
