@@ -51,6 +51,7 @@ class Outcome(NamedTuple):
         state: after the step.
         observation: components of the "observation" entry, each within [-1, 1].
         achieved: tip position as a float32 number [m].
+        desired: the goal at this moment, as a float32 number [m].
         reward: of the step, a float32 number.
         info: by name, numbers or vectors.
     """
@@ -58,6 +59,7 @@ class Outcome(NamedTuple):
     state: State
     observation: Components
     achieved: Components
+    desired: Components
     reward: Component
     info: dict[str, Any]
 
@@ -164,7 +166,7 @@ class Core(ABC):
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
 
     @abstractmethod
-    def observation(self, state: State) -> list[Component]:
+    def observation(self, state: State, episode: Episode) -> list[Component]:
         """Components of the "observation" entry, each within [-1, 1]."""
 
     @abstractmethod
@@ -172,8 +174,8 @@ class Core(ABC):
         """Entries of `info` that tell the hidden parameters of the episode, by the names in `hidden_names`."""
 
     @abstractmethod
-    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
-        """The episode whose hidden parameters `info` tells, with the target at (x, y), arrays of shape (n,)."""
+    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """The episode whose hidden parameters `info` tells, with this goal at rest, arrays of shape (n,)."""
 
     @abstractmethod
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
@@ -234,7 +236,10 @@ class Core(ABC):
 
     def error(self, xp: Any, achieved: Components, goal: Components) -> Component:
         """Distance of the achieved from the desired goal [m]."""
-        return xp.hypot(achieved[0] - goal[0], achieved[1] - goal[1])
+        distance = xp.hypot(achieved[0] - goal[0], achieved[1] - goal[1])
+        for here, there in zip(achieved[2:], goal[2:], strict=True):
+            distance = xp.hypot(distance, here - there)
+        return distance
 
     def outcome(self, episode: Episode, state: State) -> Outcome:
         """What is to be told about a state."""
@@ -246,7 +251,8 @@ class Core(ABC):
         if self.randomization.is_noisy:
             true = tuple(to_single(component) for component in self.achieved(state))
             noisy = {"true_goal": true}
-        error = self.error(xp, true, episode.goal)
+        desired = episode.goal_at(state.time)
+        error = self.error(xp, true, desired)
         state = self.task.judge(xp, error, state)
         terms = self.task.reward_terms(xp, error, state, episode)
         total: Component = 0.0
@@ -271,7 +277,8 @@ class Core(ABC):
         }
         # In single precision, so that a relabelled reward, from inverse solutions found anew, is the same number.
         seen = seen._replace(stability_margin=state.stability_margin, failure=state.failure)
-        return Outcome(state, tuple(self.observation(seen)), achieved, to_single(total), info)
+        observation = tuple(self.observation(seen, episode))
+        return Outcome(state, observation, achieved, desired, to_single(total), info)
 
     def measured(self, state: State) -> State:
         """The state as the sensors tell it; the tip stays within the goal space."""
@@ -298,7 +305,7 @@ class Core(ABC):
         assert not isinstance(self.simulation, DynamicControl)
         action, state = self.delayed(episode, state, action)
         new = self.simulation.advance(self.mechanism(episode.design), episode, state, action)
-        return self.outcome(episode, new._replace(pending=state.pending, noise=state.noise))
+        return self.outcome(episode, new._replace(pending=state.pending, noise=state.noise, record=state.record))
 
     def delayed(self, episode: Episode, state: State, action: Components) -> tuple[Components, State]:
         """The action that is taken now, and the state in which the given one is pending."""
@@ -487,17 +494,17 @@ class Core(ABC):
     def _relabelled(self, achieved_goal: Any, desired_goal: Any, info: Any) -> tuple[np.ndarray, bool]:
         """The outcomes with other goals, and whether there is one only, without a batch."""
         achieved, desired, batch, single = self._goals(achieved_goal, desired_goal, info)
-        episode = self.episode_of(batch, desired[:, 0], desired[:, 1])
+        episode = self.episode_of(batch, tuple(desired.T))
         random = {name: np.asarray(batch[f"random_{name}"], float) for name in self.episodes.rows.random}
         episode = episode._replace(random=random)
         n = len(achieved)
         if self.randomization.is_noisy:
             achieved = np.asarray(batch["true_goal"], float)
-        # What the reward does not depend on (velocities, noise) is left at zero.
+        # What the reward does not depend on (velocities, noise, records) is left at zero.
         state = self.states.unpack(np.zeros((self.states.size, n)))._replace(
             configuration=tuple(batch["configuration"].T),
             inputs=tuple(batch[self.input_name].T) if self.input_name in batch else (),
-            tip=(achieved[:, 0], achieved[:, 1]),
+            tip=tuple(achieved.T[: len(self.states.rows.tip)]),
             stability_margin=batch["stability_margin"],
             wrench_margin=batch["wrench_margin"],
             failure=batch["failure"],
@@ -542,10 +549,10 @@ class Core(ABC):
 
     def picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
         """What `render` draws."""
-        error = float(self.error(np, self.achieved(state), episode.goal))
+        error = float(self.error(np, self.achieved(state), episode.goal_at(state.time)))
         usual: dict[str, Any] = {
             "tip": state.tip,
-            "target": episode.goal,
+            "target": episode.goal_at(state.time),
             "tolerance": self.task.tolerance,
             "trace": trace,
             "margins": {"stability": state.stability_margin, "wrench": state.wrench_margin},

@@ -96,7 +96,6 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             self._queue.restart(0, episode=int(options["episode"]))
         self._episode, self._outcome = self._queue.pop(np.array([0]))
         self._values = self._outcome[:, 0].tolist()
-        self._desired = np.array(self.episode.goal, np.float32)
         self._steps = 0
         if self.render_mode is not None:
             self._trace = [self._state.tip]
@@ -140,7 +139,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         return {
             "observation": values[rows.observation[0] : rows.observation[-1] + 1],
             "achieved_goal": values[rows.achieved[0] : rows.achieved[-1] + 1],
-            "desired_goal": self._desired.copy(),
+            "desired_goal": values[rows.desired[0] : rows.desired[-1] + 1],
         }
 
     def _info(self) -> dict[str, Any]:

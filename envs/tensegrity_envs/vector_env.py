@@ -186,18 +186,16 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             new[:, index] = begun
             self._episodes[:, index] = episodes
         self._states = new[: self.core.states.size].copy()
-        goal = self.core.episodes.rows.goal
-        self._desired = np.stack([self._episodes[row] for row in goal], axis=1).astype(np.float32)
         return new
 
     def _observation(self, outcomes: np.ndarray) -> dict[str, np.ndarray]:
         rows = self.core.outcomes.rows
-        seen = outcomes[rows.observation[0] : rows.achieved[-1] + 1].T.astype(np.float32, order="C")
-        size = len(rows.observation)
+        seen = outcomes[rows.observation[0] : rows.desired[-1] + 1].T.astype(np.float32, order="C")
+        size, end = len(rows.observation), len(rows.observation) + len(rows.achieved)
         return {
             "observation": seen[:, :size],
-            "achieved_goal": seen[:, size:],
-            "desired_goal": self._desired.copy(),
+            "achieved_goal": seen[:, size:end],
+            "desired_goal": seen[:, end:],
         }
 
     def _info(self, outcomes: np.ndarray) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from tensegrity_envs.arms.dual_triangle_sampling import Sampler, hold_start
 from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_angles
 from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
-from tensegrity_envs.mechanics.namespace import Component, to_single
+from tensegrity_envs.mechanics.namespace import Component, Components, to_single
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.dynamic import DynamicControl
@@ -50,7 +50,7 @@ class _DualTriangle(Core):
         """See `Core.mechanism`."""
         return DualTriangle(design, SEGMENTS)
 
-    def observation(self, state: State) -> list[Component]:
+    def observation(self, state: State, episode: Episode) -> list[Component]:
         """See `core.tip_inputs_and_angles`."""
         bounds = self.simulation.bounds(self.nominal)
         velocities_of = self.nominal if self.observe_velocities else None
@@ -155,11 +155,11 @@ class DualTriangleReach(_DualTriangle):
         goal = tuple(to_single(component) for component in self.nominal.tip(start.target_configuration))
         return Drawn(Episode(design, start.load, (), goal, random=random), start.configuration, start.inputs)
 
-    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
+    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
         names = ("stiffness",)
         design = self._randomized({k: np.asarray(info[f"random_{k}"]) for k in names if f"random_{k}" in info})
-        return Episode(design, tuple(np.asarray(info["load"], float).T), (), (x, y))
+        return Episode(design, tuple(np.asarray(info["load"], float).T), (), goal)
 
 
 class DualTrianglePush(_DualTriangle):
@@ -245,6 +245,6 @@ class DualTrianglePush(_DualTriangle):
         episodes = Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), (x, 0.0 * x))
         return Drawn(episodes, tuple(q), None)
 
-    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
+    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
-        return Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), (x, y))
+        return Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), goal)

@@ -131,7 +131,7 @@ class TwoXReach(Core):
             design = replace(design, bar_density=design.bar_density * random["mass"])
         return design
 
-    def observation(self, state: State) -> list[Component]:
+    def observation(self, state: State, episode: Episode) -> list[Component]:
         """See `core.tip_inputs_and_angles`."""
         bounds = (self.design.min_tension, self.design.max_tension)
         velocities_of = self.nominal if self.observe_velocities else None
@@ -141,14 +141,14 @@ class TwoXReach(Core):
         """The payload [kg]."""
         return {"payload": episode.design.payload}
 
-    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
+    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
         names = ("stiffness", "mass")
         design = self._randomized({k: np.asarray(info[f"random_{k}"]) for k in names if f"random_{k}" in info})
         if self.payload_range is not None:
             design = replace(design, payload=np.asarray(info["payload"], float))
-        solutions = feasible_solutions(TwoX(design), x, y) if self.task.reward_type == "dense" else ()
-        return Episode(design, (0.0, 0.0), (), (x, y), solutions)
+        solutions = feasible_solutions(TwoX(design), *goal) if self.task.reward_type == "dense" else ()
+        return Episode(design, (0.0, 0.0), (), goal, solutions)
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""

@@ -234,7 +234,7 @@ class TwoXPostureChange(Core):
         gaps = [abs(a - g) for a, g in zip(achieved, goal, strict=True)]
         return xp.maximum(*(xp.minimum(gap, 2 * math.pi - gap) for gap in gaps))
 
-    def observation(self, state: State) -> list[Component]:
+    def observation(self, state: State, episode: Episode) -> list[Component]:
         """Components of the "observation" entry, each within [-1, 1].
 
         Sine and cosine of each theta (4) and of twice it (4), tip / reach (2), the margin m as m / (1 + |m|) (1).
@@ -253,9 +253,9 @@ class TwoXPostureChange(Core):
         """Nothing is hidden."""
         return {}
 
-    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
+    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
-        return Episode(self.design, (0.0, 0.0), (), (x, y))
+        return Episode(self.design, (0.0, 0.0), (), goal)
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """The arm without springs and cables, the tip position of the goal, and the way to the singularity."""

@@ -111,5 +111,6 @@ class DynamicControl:
             physics=motion.physics,
             pending=before.pending,
             noise=before.noise,
+            record=before.record,
         )
         return keep_where(xp, failure != RUNNING, state, before)

@@ -1,8 +1,9 @@
 """What a simulation is to the environments: states made of components, one function that advances them."""
 
+import math
 from typing import Any, NamedTuple, Protocol
 
-from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
 
 RUNNING, UNSTABLE, WRENCH_INFEASIBLE, BUCKLED, JOINT_LIMIT, OFF_TARGET, SINGULAR = range(7)
 DIVERGED, FLIPPED, SLACK = range(7, 10)
@@ -27,12 +28,13 @@ class State(NamedTuple):
     Attributes:
         configuration: joint angles [rad].
         inputs: tensions [N] or free lengths [m].
-        tip: position (x, y) [m].
+        tip: position (x, y) or (x, y, z) [m].
         stability_margin: [-], positive where stable; on failure that of the state that could not be reached.
         wrench_margin: [-], likewise: how far tensions (of the dual-triangle: free lengths and joint angles) are from
             their bounds.
         failure: index into FAILURES. The other fields then hold the last state that was stable and wrench-feasible.
         time: steps since the episode began.
+        record: what the task remembers of the steps before; nothing, in most.
         velocity: joint rates [rad/s]; none in the quasi-static simulations.
         physics: from which a dynamic simulation goes on; none in the quasi-static ones.
         pending: actions that have been given and not yet been taken, the newest first; none without a delay.
@@ -46,6 +48,7 @@ class State(NamedTuple):
     wrench_margin: Component
     failure: Component
     time: Component
+    record: Components = ()
     velocity: Components = ()
     physics: Components = ()
     pending: tuple[Components, ...] = ()
@@ -57,11 +60,15 @@ class Episode(NamedTuple):
 
     Attributes:
         design: of the mechanism, with its true parameters.
-        load: dead force at the tip (fx, fy) [N].
+        load: dead force at the tip (fx, fy) or (fx, fy, fz) [N].
         load_rate: what is added to it in every step [N].
-        goal: target position (x, y) [m], as float32 numbers.
+        goal: target position (x, y) or (x, y, z) [m], as float32 numbers; of a moving goal, its mean.
         solutions: feasible configurations that put the tip there, for the reward; none in the sparse form.
         random: what was randomized, by name; see `randomization.Randomization`.
+        onset: step from which on the load acts; None for the first one.
+        motion: of a moving goal, the amplitudes of its harmonics [m], for every axis (cosine 1, sine 1, cosine 2, ...);
+            none for a goal at rest.
+        cycle: steps in which a moving goal comes round.
     """
 
     design: Any
@@ -70,12 +77,34 @@ class Episode(NamedTuple):
     goal: Components
     solutions: tuple[Components, ...] = ()
     random: dict[str, Component] = {}  # noqa: RUF012  (never changed)
+    onset: Component = None
+    motion: tuple[Components, ...] = ()
+    cycle: int = 1
 
     def load_at(self, time: Component) -> Components:
         """The load after so many steps [N]."""
+        if self.onset is not None:
+            xp = namespace_of(time, self.onset)
+            return tuple(xp.where(time >= self.onset, force, 0.0) for force in self.load)
         if not self.load_rate:
             return self.load
         return tuple(force + time * rate for force, rate in zip(self.load, self.load_rate, strict=True))
+
+    def goal_at(self, time: Component) -> Components:
+        """The goal after so many steps [m], as float32 numbers."""
+        if not self.motion:
+            return self.goal
+        xp = namespace_of(time, *self.goal)
+        waves: list[Component] = []
+        for k in range(1, len(self.motion[0]) // 2 + 1):
+            angle = 2 * math.pi * k * time / self.cycle
+            waves += [xp.cos(angle), xp.sin(angle)]
+        moved = []
+        for mean, amplitudes in zip(self.goal, self.motion, strict=True):
+            for wave, amplitude in zip(waves, amplitudes, strict=True):
+                mean = mean + wave * amplitude  # noqa: PLW2901
+            moved.append(to_single(mean))
+        return tuple(moved)
 
 
 class Simulation(Protocol):
