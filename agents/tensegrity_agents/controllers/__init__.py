@@ -3,16 +3,18 @@
 import importlib
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 
 from tensegrity_agents.controllers import dual_triangle, two_x, two_x_posture
+from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.random import RandomController
 from tensegrity_envs.core import Core
 
-__all__ = ["BASELINES", "baselines_of", "make_controller"]
+__all__ = ["BASELINES", "DYNAMIC", "baselines_of", "make_controller"]
 
 # By the name of the environment's arm (tensegrity_envs.arms), then by their own: how to make each for a core.
 BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
@@ -43,11 +45,27 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
     },
 }
 
+# The same of the dynamic environments: quasi-static controllers, led along ramps or damped.
+DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
+    "TwoXReach": {
+        "closed_form_ramp": partial(Ramp, base=two_x.ClosedFormIK),
+        "pseudo_inverse": partial(Feedback, base=two_x.PseudoInverse),
+        "oracle": partial(Ramp, base=two_x.Oracle),
+    },
+    "DualTriangleReach": {
+        "closed_form_ramp": partial(Ramp, base=dual_triangle.ClosedFormSquares),
+        "pseudo_inverse": partial(Feedback, base=dual_triangle.PseudoInverse),
+        "observer": partial(Ramp, base=dual_triangle.Observer),
+        "oracle": partial(Ramp, base=dual_triangle.Oracle),
+    },
+}
+
 
 def baselines_of(env_id: str) -> dict[str, Callable[[Core], Any]]:
     """The baselines of an environment by name, the strongest last but for the random one."""
-    arm = gym.spec(env_id).kwargs["arm"]
-    return BASELINES.get(arm, {}) | {"random": RandomController}
+    kwargs = gym.spec(env_id).kwargs
+    table = DYNAMIC if kwargs.get("backend", "quasi_static") == "mujoco" else BASELINES
+    return table.get(kwargs["arm"], {}) | {"random": RandomController}
 
 
 def make_controller(name: str, env_id: str) -> Any:

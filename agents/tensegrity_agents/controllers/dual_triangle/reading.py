@@ -39,7 +39,7 @@ def read(observation: Any, core: Core) -> Reading:
     size, joints = simulation.action_size, core.nominal.segments
     low, high = simulation.bounds(core.nominal)
     configuration = None
-    if vector.shape[1] > 2 + size:
+    if core.observe_all:  # type: ignore[attr-defined]
         angles = vector[:, 2 + size : 2 + size + 2 * joints]
         configuration = np.arctan2(angles[:, 0::2], angles[:, 1::2])
     return Reading(

@@ -46,6 +46,7 @@ class AnalyticController:
 
     def __init__(self, core: Core) -> None:
         self.control = core.control
+        self.observe_all: bool = core.observe_all  # type: ignore[attr-defined]
         self.nominal: TwoX | None = None
         self.privileged: Episode | None = None
 
@@ -60,7 +61,7 @@ class AnalyticController:
         """Actions (n, size) for a batch of n observations."""
         if self.nominal is None:
             raise RuntimeError(f"{type(self).__name__}: call begin_episodes(mask, design) before predict")
-        reading = read(observation, self.nominal.design)
+        reading = read(observation, self.nominal.design, self.observe_all)
         n = len(reading.tip)
         fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
         memory = self._perceive(reading, state, fresh)

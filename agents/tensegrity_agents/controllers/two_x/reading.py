@@ -25,17 +25,18 @@ class Reading(NamedTuple):
     configuration: np.ndarray | None
 
 
-def read(observation: Any, design: Any) -> Reading:
+def read(observation: Any, design: Any, everything: bool) -> Reading:
     """Undo the normalization that `Core.observation` documents.
 
     Args:
         observation: Dict of arrays of shape (n, ...).
         design: the nominal design.
+        everything: whether joint angles are observed.
     """
     vector = np.asarray(observation["observation"], float)
     low, high = design.min_tension, design.max_tension
     configuration = None
-    if vector.shape[1] > 6:
+    if everything:
         configuration = np.arctan2(vector[:, [6, 8]], vector[:, [7, 9]])
     return Reading(
         np.asarray(observation["achieved_goal"], float),

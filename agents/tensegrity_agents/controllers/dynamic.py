@@ -1,0 +1,239 @@
+"""The analytic controllers in dynamics: made for arms at rest, they are led along smooth ramps, or damped.
+
+Both wrap a controller of the quasi-static environments and work in the space of the inputs, so they are the same for
+every mechanism. They add what those lack: a time course that does not set the arm swinging, and active damping.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_envs.core import Core
+
+_PLANNED = 100  # steps of the quasi-static controller that are laid out in advance
+_PEAK = 15 / 8  # largest speed of the minimum-jerk time course, 1 being the mean
+_RATE_SCALE = 0.2  # [s], of velocities in observations
+
+
+class Sensed(NamedTuple):
+    """What is read off n observations.
+
+    Attributes:
+        inputs: shape (n, inputs).
+        tip: shape (n, 2) [m].
+        configuration: shape (n, joints) [rad], or None where it is not observed.
+        velocity: of the joints, shape (n, joints) [rad/s], or else of the tip, shape (n, 2) [m/s].
+        rest: the same observations as a quasi-static environment would give them.
+    """
+
+    inputs: np.ndarray
+    tip: np.ndarray
+    configuration: np.ndarray | None
+    velocity: np.ndarray
+    rest: dict[str, np.ndarray]
+
+
+class Dynamic:
+    """What ramps and damped controllers share: reading, active damping, and holding the inputs on a plan.
+
+    Damping adds to the planned inputs u what gives the joint torques -c M velocity, or, where only the tip is observed,
+    the tip force -c Lambda velocity, M being the arm's mass matrix at q = 0 (with the nominal masses), Lambda that of
+    the tip. The least squares change of the inputs does that; what exceeds the rate or the bounds is lost.
+
+    Args:
+        core: of the environment.
+        base: makes the quasi-static controller.
+    """
+
+    damping = 5.0  # c [1/s]
+    adds = ""
+
+    def __init__(self, core: Core, base: Any) -> None:
+        engine: Any = core.engine
+        self.core = core
+        self.base = base(core)
+        self.knows = f"{self.base.knows}; {self.adds}"
+        self.wants_privileged = getattr(self.base, "wants_privileged", False)
+        simulation: Any = core.simulation
+        self.rate = float(simulation.rate)
+        self.low, self.high = simulation.bounds(core.nominal)
+        self.mass = np.asarray(engine.model.mass_matrix(np.zeros(engine.joints)))
+        self.joints = int(engine.joints)
+
+    def begin_episodes(self, mask: np.ndarray, design: Any, privileged: Any = None) -> None:
+        """Hand over what the quasi-static controller asks for."""
+        self.base.begin_episodes(mask, design, privileged)
+
+    def sense(self, observation: Any) -> Sensed:
+        """Undo the normalization of `core.tip_inputs_and_angles`."""
+        vector = np.asarray(observation["observation"], float)
+        size = self.core.simulation.action_size
+        everything = bool(self.core.observe_all)  # type: ignore[attr-defined]
+        count = self.joints if everything else 2
+        squashed = vector[:, -count:]
+        velocity = squashed / (1 - np.abs(squashed)) / _RATE_SCALE * (1.0 if everything else self.core.reach)
+        angles = vector[:, 2 + size : 2 + size + 2 * self.joints]
+        return Sensed(
+            (vector[:, 2 : 2 + size] * (self.high - self.low) + self.high + self.low) / 2,
+            np.asarray(observation["achieved_goal"], float),
+            np.arctan2(angles[:, 0::2], angles[:, 1::2]) if everything else None,
+            velocity,
+            {**observation, "observation": vector[:, :-count]},
+        )
+
+    def with_inputs(self, sensed: Sensed, inputs: np.ndarray) -> dict[str, np.ndarray]:
+        """The quasi-static observations with other inputs."""
+        vector = sensed.rest["observation"].copy()
+        vector[:, 2 : 2 + inputs.shape[1]] = (2 * inputs - (self.high + self.low)) / (self.high - self.low)
+        return {**sensed.rest, "observation": vector}
+
+    def damped(self, sensed: Sensed, inputs: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Actions that bring the inputs to the planned ones, shape (n, inputs), and damp.
+
+        Args:
+            sensed: the observation.
+            inputs: planned.
+            q: where the arm is, or is believed to be, shape (n, joints) [rad].
+        """
+        if sensed.configuration is not None:
+            torque = self.damping * sensed.velocity @ self.mass
+        else:
+            jacobian = np.stack([np.stack(row, axis=1) for row in self.core.nominal.jacobian(tuple(q.T))], axis=1)
+            mobility = np.einsum("nij,jk,nlk->nil", jacobian, np.linalg.inv(self.mass), jacobian)
+            # Where the arm is stretched the tip cannot move in one direction, and nothing is to be damped there.
+            tip_mass = np.linalg.inv(mobility + 0.02 * np.trace(mobility, axis1=1, axis2=2)[:, None, None] * np.eye(2))
+            torque = self.damping * np.einsum("nij,nik,nk->nj", jacobian, tip_mass, sensed.velocity)
+        effect = self._effect(q, sensed.inputs)
+        normal = np.einsum("nji,nki->njk", effect, effect)
+        normal += 1e-6 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(self.joints)
+        change = np.einsum("nji,njk,nk->ni", effect, np.linalg.inv(normal), torque)
+        wanted = np.clip(inputs + change, self.low, self.high)
+        return np.asarray(np.clip((wanted - sensed.inputs) / self.rate, -1.0, 1.0))
+
+    def _effect(self, q: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        """d (energy gradient) / d inputs, shape (n, joints, inputs): the gradient is linear in them."""
+        arm, simulation = self.core.nominal, self.core.simulation
+        at = tuple(q.T)
+
+        def gradient(values: np.ndarray) -> np.ndarray:
+            rows = arm.energy_gradient(at, simulation.actuation(arm, tuple(values.T)))  # type: ignore[union-attr]
+            return np.stack([np.broadcast_to(row, len(q)) for row in rows], axis=1)
+
+        step = 0.01 * (self.high - self.low)
+        columns = [(gradient(inputs + step * e) - gradient(inputs)) / step for e in np.eye(inputs.shape[1])]
+        return np.stack(columns, axis=2)
+
+    def resting(self, inputs: np.ndarray) -> np.ndarray:
+        """Configurations (n, joints) [rad] in which the nominal arm would rest, without a load."""
+        arm, simulation = self.core.nominal, self.core.simulation
+        actuation = simulation.actuation(arm, tuple(inputs.T))  # type: ignore[union-attr]
+        rest = arm.equilibrium(actuation, tuple(np.zeros((self.joints, len(inputs)))))
+        return np.stack(rest.configuration, axis=1)
+
+    def believed(self, sensed: Sensed, inputs: np.ndarray) -> np.ndarray:
+        """Configurations (n, joints) [rad]: observed, or else where the nominal arm would rest."""
+        return self.resting(inputs) if sensed.configuration is None else sensed.configuration
+
+
+class RampMemory(NamedTuple):
+    """What a ramp carries from step to step.
+
+    Attributes:
+        plan: inputs after each step, shape (n, steps, inputs).
+        step: of the episode, shape (n,).
+        base: configurations that the plan begins in, shape (n, joints) [rad].
+    """
+
+    plan: np.ndarray
+    step: np.ndarray
+    base: np.ndarray
+
+
+class Ramp(Dynamic):
+    """The inputs that a quasi-static controller would give, laid out when the episode begins and followed smoothly.
+
+    Minimum-jerk time course (10 s^3 - 15 s^4 + 6 s^5), no faster than the inputs' rate, in at least `shortest` steps;
+    then the inputs are held.
+    """
+
+    shortest = 60
+    adds = "smooth ramp, active damping"
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, RampMemory]:
+        """Actions (n, inputs) for a batch of n observations."""
+        sensed = self.sense(observation)
+        n = len(sensed.tip)
+        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        if fresh.any():
+            new = self._begin(sensed)
+            old = new if state is None else state
+            state = RampMemory(*(self._where(fresh, a, b) for a, b in zip(new, old, strict=True)))
+        memory: RampMemory = state
+        rows = np.arange(n)
+        wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
+        action = self.damped(sensed, wanted, self.believed(sensed, wanted))
+        return action, memory._replace(step=memory.step + 1)
+
+    @staticmethod
+    def _where(fresh: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+        return np.where(fresh.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+    def _begin(self, sensed: Sensed) -> RampMemory:
+        """Let the quasi-static controller act, as if its arm were where it says it is."""
+        inputs, state = sensed.inputs, None
+        path = [inputs]
+        start = np.ones(len(inputs), bool)
+        for _ in range(_PLANNED):
+            action, state = self.base.predict(self.with_inputs(sensed, inputs), state, start, deterministic=True)
+            inputs = np.clip(inputs + self.rate * action, self.low, self.high)
+            path.append(inputs)
+            start = np.zeros(len(inputs), bool)
+        course = self._smooth(np.stack(path, axis=1))
+        return RampMemory(course, np.zeros(len(inputs), int), self.believed(sensed, sensed.inputs))
+
+    def _smooth(self, path: np.ndarray) -> np.ndarray:
+        """The same way in the same shape, at another pace."""
+        moving = np.abs(np.diff(path, axis=1)).max(axis=2) > 1e-9 * (self.high - self.low)
+        length = np.where(moving.any(axis=1), path.shape[1] - 1 - moving[:, ::-1].argmax(axis=1), 0)
+        steps = np.maximum(np.ceil(_PEAK * length), self.shortest)
+        s = np.minimum(np.arange(1, int(_PEAK * _PLANNED) + 1) / steps[:, None], 1.0)
+        place = length[:, None] * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        before = np.minimum(np.floor(place).astype(int), path.shape[1] - 2)
+        share = (place - before)[..., None]
+        rows = np.arange(len(path))[:, None]
+        return np.asarray((1 - share) * path[rows, before] + share * path[rows, before + 1])
+
+
+class FeedbackMemory(NamedTuple):
+    """What a damped feedback carries: the inputs that it has planned, and what the quasi-static controller carries."""
+
+    inputs: np.ndarray
+    base: Any
+
+
+class Feedback(Dynamic):
+    """A quasi-static controller that feeds back the tip error: damped, and slowed down, not to drive the vibration."""
+
+    adds = "slowed down, active damping"
+    slowed = 0.15  # share of the quasi-static controller's steps that is taken
+
+    def __init__(self, core: Core, base: Any) -> None:
+        super().__init__(core, base)
+        self.base.gain *= self.slowed
+        if hasattr(self.base, "integral_gain"):
+            self.base.integral_gain *= self.slowed**2  # it adds up over more steps
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, FeedbackMemory]:
+        """Actions (n, inputs) for a batch of n observations."""
+        sensed = self.sense(observation)
+        n = len(sensed.tip)
+        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        inputs = sensed.inputs if state is None else np.where(fresh[:, None], sensed.inputs, state.inputs)
+        before = None if state is None else state.base
+        action, base = self.base.predict(self.with_inputs(sensed, inputs), before, fresh, deterministic=True)
+        inputs = np.clip(inputs + self.rate * action, self.low, self.high)
+        return self.damped(sensed, inputs, self.believed(sensed, inputs)), FeedbackMemory(inputs, base)
