@@ -93,6 +93,10 @@ ENTRIES = (
         200,
     ),
 )
+_SHELLS = {
+    "quasi_static": "tensegrity_envs.env:ManipulatorEnv",
+    "mujoco": "tensegrity_envs.mujoco_env:MujocoManipulatorEnv",
+}
 ENV_IDS = tuple(entry.id for entry in ENTRIES)
 
 
@@ -102,7 +106,7 @@ def register_all() -> None:
         if entry.id not in gym.registry:
             gym.register(
                 entry.id,
-                entry_point="tensegrity_envs.env:ManipulatorEnv",
+                entry_point=_SHELLS[entry.options.get("backend", "quasi_static")],
                 vector_entry_point="tensegrity_envs.vector_env:ManipulatorVectorEnv",
                 max_episode_steps=entry.max_episode_steps,
                 kwargs={"arm": entry.arm, **entry.options},

@@ -5,6 +5,7 @@ MuJoCo is an extra: importing this module does not need it, `MujocoModel` does.
 
 from typing import TYPE_CHECKING, Any
 
+from tensegrity_envs.simulation.mujoco.displays import choose_gl
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ __all__ = ["Dynamics", "Engine", "MujocoModel", "RolloutResult", "Settled"]
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    choose_gl()
     try:
         from tensegrity_envs.simulation.mujoco import engine, model
     except ModuleNotFoundError as error:

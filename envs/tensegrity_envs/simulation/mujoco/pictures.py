@@ -1,0 +1,157 @@
+"""Pictures of the dynamic simulations by MuJoCo itself: offscreen, or in its viewer."""
+
+from copy import copy
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from tensegrity_envs.rendering import Scene, tension_colour
+from tensegrity_envs.simulation.mujoco.displays import GL_HELP, require_display, require_gl
+from tensegrity_envs.simulation.mujoco.model import MujocoModel
+
+_TARGET, _TRACE, _LOAD = (0.85, 0.24, 0.05, 0.35), (0.10, 0.44, 0.76, 0.5), (0.84, 0.16, 0.16, 1.0)
+_TRACE_LENGTH = 60  # positions
+_LARGEST = 4096  # pixels
+
+
+class Pictures:
+    """Draws the state of a simulation: cables and springs coloured by tension, target, load and the tip's trace.
+
+    Args:
+        model: of the mechanism.
+    """
+
+    def __init__(self, model: MujocoModel) -> None:
+        self._owner = model
+        self._model = copy(model.model)
+        self._data = mujoco.MjData(self._model)
+        self._renderers: dict[tuple[int, bool], Any] = {}
+        self._viewer: Any = None
+
+    def rgb(self, physics: np.ndarray, scene: Scene, size: int) -> np.ndarray:
+        """The picture, shape (size, size, 3), uint8.
+
+        Raises:
+            RuntimeError: there is no GL library; the message names one.
+        """
+        self._pose(physics, scene)
+        renderer = self._renderer(size, depth=False)
+        renderer.update_scene(self._data, camera="front")
+        self._decorate(renderer.scene, scene)
+        return np.asarray(renderer.render())
+
+    def depth(self, physics: np.ndarray, scene: Scene, size: int) -> np.ndarray:
+        """Distances from the camera [m], shape (size, size), float32.
+
+        Raises:
+            RuntimeError: there is no GL library; the message names one.
+        """
+        self._pose(physics, scene)
+        renderer = self._renderer(size, depth=True)
+        renderer.update_scene(self._data, camera="front")
+        return np.asarray(renderer.render())
+
+    def show(self, physics: np.ndarray, scene: Scene) -> None:
+        """Bring MuJoCo's viewer up to date; opens it.
+
+        Raises:
+            RuntimeError: there is no display.
+        """
+        if self._viewer is None:
+            require_display()
+            import mujoco.viewer
+
+            self._viewer = mujoco.viewer.launch_passive(
+                self._model, self._data, show_left_ui=False, show_right_ui=False
+            )
+            with self._viewer.lock():
+                self._viewer.cam.type = mujoco.mjtCamera.mjCAMERA_FIXED
+                self._viewer.cam.fixedcamid = self._model.camera("front").id
+        if not self._viewer.is_running():
+            return
+        with self._viewer.lock():
+            self._pose(physics, scene)
+            self._viewer.user_scn.ngeom = 0
+            self._decorate(self._viewer.user_scn, scene)
+        self._viewer.sync()
+
+    def close(self) -> None:
+        """Free the GL contexts, close the window."""
+        for renderer in self._renderers.values():
+            renderer.close()
+        self._renderers.clear()
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
+
+    def _renderer(self, size: int, depth: bool) -> Any:
+        key = (size, depth)
+        if key not in self._renderers:
+            if not 1 <= size <= _LARGEST:
+                raise ValueError(f"render_size = {size!r}: must be from 1 to {_LARGEST} pixels")
+            require_gl()
+            vision = self._model.vis.global_
+            vision.offwidth, vision.offheight = max(vision.offwidth, size), max(vision.offheight, size)
+            try:
+                renderer = mujoco.Renderer(self._model, size, size)
+            except Exception as error:  # of the GL library, which differ by kind
+                raise RuntimeError(f"MuJoCo cannot draw ({error}): {GL_HELP}") from error
+            if depth:
+                renderer.enable_depth_rendering()
+            self._renderers[key] = renderer
+        return self._renderers[key]
+
+    def _pose(self, physics: np.ndarray, scene: Scene) -> None:
+        model, data = self._model, self._data
+        data.qpos[:] = self._owner.joint_angles(physics)
+        mujoco.mj_forward(model, data)
+        for member in scene.members:
+            tension = scene.tensions.get(member.name)
+            if tension is not None:
+                red, green, blue = tension_colour(tension, scene.tension_bounds)
+                model.tendon_rgba[model.tendon(member.name).id] = red / 255, green / 255, blue / 255, 1.0
+
+    def _decorate(self, drawn: Any, scene: Scene) -> None:
+        """Add target, trace and load to a scene of MuJoCo's."""
+        if scene.target is not None:
+            _add_sphere(drawn, scene.target, max(scene.tolerance, 0.02 * scene.reach), _TARGET)
+        for point in scene.trace[-_TRACE_LENGTH:]:
+            _add_sphere(drawn, point, 0.006 * scene.reach, _TRACE)
+        force = np.hypot(*scene.load)
+        if force > 1e-3 * scene.load_scale:
+            way = np.array(scene.load) / scene.load_scale * scene.reach / 4
+            if drawn.ngeom < drawn.maxgeom:
+                geom = drawn.geoms[drawn.ngeom]
+                mujoco.mjv_initGeom(
+                    geom,
+                    mujoco.mjtGeom.mjGEOM_ARROW,
+                    np.zeros(3),
+                    np.zeros(3),
+                    np.zeros(9),
+                    np.array(_LOAD, np.float32),
+                )
+                start = np.array(scene.tip)
+                mujoco.mjv_connector(
+                    geom, mujoco.mjtGeom.mjGEOM_ARROW, 0.02 * scene.reach, _in_space(start), _in_space(start + way)
+                )
+                drawn.ngeom += 1
+
+
+def _in_space(point: Any) -> np.ndarray:
+    """A point of the mechanism's plane."""
+    return np.array([float(point[0]), 0.0, float(point[1])])
+
+
+def _add_sphere(drawn: Any, point: Any, radius: float, rgba: tuple[float, ...]) -> None:
+    if drawn.ngeom >= drawn.maxgeom:
+        return
+    mujoco.mjv_initGeom(
+        drawn.geoms[drawn.ngeom],
+        mujoco.mjtGeom.mjGEOM_SPHERE,
+        np.full(3, radius),
+        _in_space(point),
+        np.eye(3).ravel(),
+        np.array(rgba, np.float32),
+    )
+    drawn.ngeom += 1
