@@ -1,4 +1,4 @@
-"""The dynamic environments: they agree with the quasi-static ones where both say the same, and report what goes wrong."""
+"""The dynamic environments agree with the quasi-static ones where both say the same, and report what goes wrong."""
 
 import os
 import subprocess

@@ -1,0 +1,99 @@
+"""What controllers are worth where they were not made for: quasi-static ones in dynamics, and the reverse.
+
+A pair of environments differs in nothing but the motion: the quasi-static one, and the same in MuJoCo, where velocities
+are observed as well. A controller that knows no velocities is not shown them there; one that does sees zeros in the
+quasi-static environment.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+
+from tensegrity_agents.controllers import baselines_of
+from tensegrity_agents.evaluation.compare import KINDS
+from tensegrity_agents.evaluation.results import Run
+from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.sb3.policy_file import load_policy
+from tensegrity_envs.seeding import TEST_SEED
+
+# progress(what is being done, done, of how many, remark)
+Progress = Callable[[str, int, int, str], None]
+
+
+class Candidate(NamedTuple):
+    """A controller and where it comes from.
+
+    Attributes:
+        name: "agent", or that of a baseline.
+        home: Gymnasium id for which it was trained or designed.
+        controllers: the controller; agents have one for every training seed.
+    """
+
+    name: str
+    home: str
+    controllers: list[Any]
+
+
+class Transferred(NamedTuple):
+    """A candidate's runs, by the id where it was evaluated."""
+
+    candidate: Candidate
+    runs: dict[str, list[Run]]
+
+
+def pair_of(env_id: str) -> tuple[str, str]:
+    """The quasi-static and the dynamic id of which this is one.
+
+    Raises:
+        ValueError: there is no such pair.
+    """
+    base = env_id.removesuffix("-v0").removesuffix("MuJoCo")
+    pair = f"{base}-v0", f"{base}MuJoCo-v0"
+    if not all(name in gym.registry for name in pair):
+        known = [name for name in gym.registry if "MuJoCo" in name and name.startswith("tensegrity/")]
+        raise ValueError(f"{env_id}: has no twin with other motion; there are {', '.join(known)}")
+    return pair
+
+
+def candidates(pair: tuple[str, str], results: Path) -> list[Candidate]:
+    """The agents that were trained on either, and the baselines of both.
+
+    Args:
+        pair: from `pair_of`.
+        results: folder that has results/<environment>/agent-<seed>.
+    """
+    found = []
+    for home in pair:
+        folders = sorted((results / home.split("/")[1]).glob("agent-*/policy.json"))
+        if folders:
+            found.append(Candidate("agent", home, [load_policy(path.parent, home) for path in folders]))
+        core: Any = gym.make(home).unwrapped.core  # type: ignore[attr-defined]
+        found += [Candidate(name, home, [make(core)]) for name, make in baselines_of(home).items() if name != "random"]
+    return found
+
+
+def transfer(
+    pair: tuple[str, str], found: list[Candidate], episodes: int, progress: Progress | None = None
+) -> list[Transferred]:
+    """Evaluate every candidate on both environments, on the same test episodes."""
+    results = []
+    for candidate in found:
+        options = {"observe_velocities": candidate.home == pair[1]}
+        runs: dict[str, list[Run]] = {}
+        for where in pair:
+            runs[where] = []
+            for seed, controller in enumerate(candidate.controllers):
+                what = f"{candidate.name} of {candidate.home.split('/')[1]} on {where.split('/')[1]}"
+
+                def report(done: int, total: int, what: str = what) -> None:
+                    if progress is not None:
+                        progress(what, done, total, "")
+
+                kind = "agent" if candidate.name == "agent" else KINDS.get(candidate.name, "baseline")
+                run = evaluate(controller, where, episodes, TEST_SEED, candidate.name, kind, options, report)
+                run.training_seed = seed if kind == "agent" else None
+                runs[where].append(run)
+        results.append(Transferred(candidate, runs))
+    return results
