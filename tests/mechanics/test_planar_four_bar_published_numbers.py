@@ -210,7 +210,7 @@ def _(inputs):
 @computes("fb-curve-viii-arc")
 def _(inputs):
     """The largest beta at which a sheet of rectangles reaches the fold B, C, F aligned, gamma = pi - beta."""
-    sheets, _ = _rectangle_sheets(ARM, False, 0)
+    sheets, _ = _rectangle_sheets(ARM, False)
     low, high = 0.1, math.pi / 2
     for _ in range(100):
         beta = (low + high) / 2

@@ -63,7 +63,6 @@ def actuator_workspace(mechanism: PlanarFourBar, mode: str = "rectangle", lobe: 
 def output_workspace(
     mechanism: PlanarFourBar,
     mode: str = "rectangle",
-    side: int = 0,
     resolution: int = 256,
     tolerance: float = 1e-6,
 ) -> Image:
@@ -72,26 +71,23 @@ def output_workspace(
     Args:
         mechanism: of one design.
         mode: see the module.
-        side: 1 or -1 restricts rectangles to those on that side of the line CD.
         resolution, tolerance: see `Region.trace`.
 
     Raises:
-        ValueError: an unknown mode, a side that is not -1, 0 or 1, or a batch of designs.
+        ValueError: an unknown mode, or a batch of designs.
     """
     _check(mechanism, mode)
-    if side not in (-1, 0, 1):
-        raise ValueError(f"side = {side!r}: must be 1 or -1, or 0 for both")
     if mode == "flat":
         regions, mapping = _flat_sheets(mechanism)
     else:
-        regions, mapping = _rectangle_sheets(mechanism, mode == "paper", side)
+        regions, mapping = _rectangle_sheets(mechanism, mode == "paper")
     return image({n: r.trace(resolution, tolerance, mapping) for n, r in regions.items()}, mapping)
 
 
 Map = Callable[[tuple[Any, Any]], tuple[Any, Any]]
 
 
-def _rectangle_sheets(mechanism: PlanarFourBar, paper: bool, side: int) -> tuple[dict[str, Region], Map]:
+def _rectangle_sheets(mechanism: PlanarFourBar, paper: bool) -> tuple[dict[str, Region], Map]:
     l = float(mechanism.length)
 
     def tip(q: tuple[Any, Any]) -> tuple[Any, Any]:
@@ -115,12 +111,10 @@ def _rectangle_sheets(mechanism: PlanarFourBar, paper: bool, side: int) -> tuple
             margins = [size - 0.5, 1.5 - size, dy, upright]
             if paper:
                 margins += [np.sin(gamma), my - dy]  # sin theta = y of E - D = 2 (y of M - D)
-            if side:
-                margins.append(side * ((cx - dx) * (2 * my - cy - dy) - (cy - dy) * (2 * mx - cx - dx)))
             return (*margins, sign * np.sin(beta + gamma))
 
         names = ["|AM| = L/2", "|AM| = 3L/2", "rho2 = 0", "pitchfork"]
-        names += (["gamma in range", "theta in range"] if paper else []) + (["C on D"] if side else [])
+        names += ["gamma in range", "theta in range"] if paper else []
         box = ((0.0, -math.pi), (math.pi, math.pi))
         return Region(conditions, (*names, "B, C, F aligned"), *box, "output workspace, elbow and fold of a sheet")
 
