@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, way_points
+from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, way_points
 from tensegrity_agents.controllers.planar_four_bar.reading import Reading, configuration, force_across, read, side
 from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_envs.core import Core
@@ -76,7 +76,8 @@ class ReachController:
         low, high = simulation.bounds(self.nominal)
         self.bounds = (float(low), float(high))
         points = way_points(self.nominal, 40)
-        self.table = np.repeat(points[:, None], 2, axis=1)
+        pairs = np.stack([np.repeat(points[:24], 24, axis=0), np.tile(points[:24], (24, 1))], axis=1)
+        self.table = np.concatenate([np.repeat(points[:, None], 2, axis=1), pairs[::3]])
 
     def begin_episodes(self, mask: np.ndarray, design: PlanarFourBarDesign, privileged: Episode | None = None) -> None:
         """Take the nominal design and, if this controller asks for it, the true episodes."""
@@ -198,7 +199,7 @@ class PseudoInverse(ReachController):
         stuck = ~crossing & (waited > self.patience)
         if stuck.any():
             l = float(self.nominal.length)
-            table = self.table[:, 0]
+            table = self.table[:40, 0]
             tips = [np.stack(self.nominal.rectangle(tuple(table.T), sign)[1], axis=1) for sign in (1.0, -1.0)]
             on_side = np.where(here[:, None, None] > 0, tips[0], tips[1])
             away = np.linalg.norm(reading.target[:, None] - on_side, axis=2)
@@ -218,18 +219,23 @@ class PseudoInverse(ReachController):
 class Observer(ReachController):
     """Identifies the force on F from tip and lengths, and plans with it.
 
-    One posture reveals the force across bar CF only; the postures of the first steps reveal it all, by least squares.
+    One posture reveals the force across bar CF only. So the first step is a small one, the safest under what is known;
+    two postures reveal all of the force, by least squares.
     """
 
     knows = "the nominal design; identifies the force from tip and lengths, checks that the way is stable"
     prior = 1e-8  # of the information: the force is the smallest that explains everything
-    careful = 2  # first steps, which are smaller
-    caution = 0.3  # so much
-    different = 0.5  # a change of the force that makes the way be planned again [N], for K L = 1000 N
+    first_step = 0.5  # as a share of the largest
+    different = 5e-4  # a change of the force that makes the way be planned again; smaller forces count as none [K L]
 
     def _load(self, reading: Reading, memory: Memory) -> np.ndarray:
         inner = memory.information + self.prior * np.eye(2)
-        return np.asarray(np.linalg.solve(inner, memory.evidence[..., None])[..., 0])
+        load = np.linalg.solve(inner, memory.evidence[..., None])[..., 0]
+        return np.where(np.hypot(*load.T)[:, None] < self._noticeable, 0.0, load)
+
+    @property
+    def _noticeable(self) -> float:
+        return self.different * float(self.nominal.largest_force)
 
     def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
         across, pull = force_across(self.nominal, reading)
@@ -238,24 +244,31 @@ class Observer(ReachController):
             evidence=memory.evidence + across * pull[:, None],
         )
         changed = np.hypot(*(self._load(reading, memory) - memory.load).T)
-        enough = self.different * float(self.nominal.largest_force) / 1000
         away = np.hypot(*(reading.target - reading.tip).T) > self.core.task.tolerance
         arrived = np.abs(memory.way[:, -1] - reading.lengths).max(axis=1) < 1e-4 * self.rate
-        again = ~(changed < enough) | (away & arrived & (memory.step < 90))  # NaN: never planned
-        action, memory = self._along(reading, self._planned(reading, memory, np.flatnonzero(again)))
-        return np.where((memory.step < self.careful)[:, None], self.caution * action, action), memory
+        again = ~(changed < self._noticeable) | (away & arrived & (memory.step < 90))  # NaN: never planned
+        first = memory.step == 0
+        action, memory = self._along(reading, self._planned(reading, memory, np.flatnonzero(again & ~first)))
+        begun = np.flatnonzero(first)
+        if len(begun):
+            action[begun] = self._safest(reading.take(begun), self._load(reading, memory)[begun])
+        return action, memory
+
+    def _safest(self, reading: Reading, load: np.ndarray) -> np.ndarray:
+        """Of small actions in eight directions the one after which the mechanism has the largest margin, (n, 2)."""
+        n, q = len(load), configuration(self.nominal, reading)
+        turn = np.arange(8) * np.pi / 4
+        actions = self.first_step * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        end = np.clip(reading.lengths[:, None] + self.rate * actions, *self.bounds).reshape(-1, 1, 2)
+        points = np.concatenate([np.repeat(reading.lengths, 8, axis=0)[:, None], *[end] * LEGS], axis=1)
+        _, margin = trips(self.nominal, np.repeat(q, 8, axis=0), points, np.repeat(load, 8, axis=0))
+        return np.asarray(actions[margin.reshape(n, 8).argmax(axis=1)])
 
 
 class Oracle(Privileged, ReachController):
-    """Told the true force; tries ways round by two way points, too."""
+    """Told the true force."""
 
     knows = "the true force; plans ways along which the mechanism does not snap"
-
-    def _take(self, design: PlanarFourBarDesign) -> None:
-        super()._take(design)
-        points = way_points(self.nominal, 24, seed=1)
-        pairs = np.stack([np.repeat(points, 24, axis=0), np.tile(points, (24, 1))], axis=1)
-        self.table = np.concatenate([self.table, pairs[::3]])
 
     def _load(self, reading: Reading, memory: Memory) -> np.ndarray:
         assert self.privileged is not None
