@@ -18,6 +18,7 @@ from tensegrity_envs.simulation.actuator_lengths import LEAST_STIFFNESS, wrench_
 LEGS = 3
 _SAMPLES = np.linspace(0.0, 1.0, 25)
 _RESOLUTION = 1 / 512  # of `follow`, as in the simulation
+_ROUNDING = 1e-4  # of targets, which are told in single precision, makes so much of a length [m]
 _ENOUGH = 0.1  # stability margin beyond which only the length counts
 _HURRY = 40.0  # steps that a way may be longer for having this margin instead of none
 
@@ -104,8 +105,8 @@ def ends(
         owner.append(pushed[row])
         found.append(more.T)
     index, rho = np.concatenate(owner), np.concatenate(found)
-    fine = ((rho >= bounds[0]) & (rho <= bounds[1])).all(axis=1)
-    return index[fine], rho[fine]
+    fine = ((rho >= bounds[0] - _ROUNDING) & (rho <= bounds[1] + _ROUNDING)).all(axis=1)
+    return index[fine], np.clip(rho[fine], *bounds)
 
 
 def plan(
