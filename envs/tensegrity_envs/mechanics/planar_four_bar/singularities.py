@@ -131,7 +131,7 @@ SINGULARITIES = (
     ),
     Singularity(
         "vii: B, C, F aligned",
-        "sin(beta + gamma) = 0: curve viii of the output workspace",
+        "sin(beta + gamma) = 0: F on curve viii of the output workspace (gamma = pi - beta), or on B (gamma = -beta)",
         _aligned,
         "rectangle",
         "det J = 0: F cannot move along the line through B, C and F.",
