@@ -25,6 +25,7 @@ bench: .venv/installed
 analyze: .venv/installed
 	$(BIN)/python scripts/analyze.py two-x
 	$(BIN)/python scripts/analyze.py dual-triangle
+	$(BIN)/python scripts/analyze.py planar-four-bar
 	$(BIN)/python tests/mechanics/benchmark_workspace.py
 
 install: .venv/installed

@@ -20,6 +20,7 @@ import yaml
 from matplotlib.figure import Figure
 
 from tensegrity_agents.reporting import analysis_dual_triangle as dual
+from tensegrity_agents.reporting import analysis_planar_four_bar as four_bar
 from tensegrity_agents.reporting import analysis_two_x as draw
 from tensegrity_agents.reporting.analysis_page import write_page
 from tensegrity_agents.reporting.figures import save
@@ -31,6 +32,8 @@ from tensegrity_envs.mechanics.dual_triangle import (
     DualTriangleDesign,
 )
 from tensegrity_envs.mechanics.overlay import closed, feature_collection
+from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
+from tensegrity_envs.mechanics.planar_four_bar.workspace import MODES, actuator_workspace, output_workspace
 from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022, TwoX, TwoXDesign
 
 Progress = Callable[[str, int, int, str], None]
@@ -336,6 +339,38 @@ def _analyze_dual_triangle(
     return {name: dual.numbers(arm) for name, arm in arms.items()}
 
 
+def _analyze_planar_four_bar(
+    designs: Mapping[str, PlanarFourBarDesign], out: Path, progress: Progress
+) -> dict[str, Numbers]:
+    table: dict[str, Numbers] = {}
+    for name, design in designs.items():
+        folder = out / name
+        folder.mkdir(parents=True, exist_ok=True)
+        arm, l = PlanarFourBar(design), float(design.length)
+        progress(name, 0, 7, "workspaces")
+        tips = {mode: output_workspace(arm, mode) for mode in MODES}
+        drawings: dict[str, Callable[[], Figure]] = {
+            "ji_fig2_actuator_workspace": partial(four_bar.actuator_workspaces, arm),
+            "ji_fig3_output_workspace": partial(four_bar.output_workspaces, arm, tips),
+            "singular_configurations": partial(four_bar.singular_postures, arm),
+            "thrusts": partial(four_bar.thrust_map, arm),
+            "energy_landscape": partial(four_bar.energy_landscape, arm, (1.4 * l, 1.2 * l)),
+        }
+        step = _Steps(name, len(drawings) + 2, progress)
+        for stem, drawing in drawings.items():
+            step(stem)
+            save(drawing(), folder / stem)
+        step("regions")
+        for mode in MODES:
+            inputs = actuator_workspace(arm, mode).trace()
+            _write_geojson(inputs.to_features(), folder / f"actuator_{mode}.geojson", coordinates="rho1, rho2 [m]")
+            _write_geojson(tips[mode].to_features(), folder / f"output_{mode}.geojson", coordinates="x, y [m]")
+        step("numbers")
+        table[name] = four_bar.numbers(arm, tips)
+        step.finish()
+    return table
+
+
 ANALYSES: dict[str, Analysis] = {
     "two-x": Analysis(
         "stable wrench-feasible set; without offsets also regions by inverse solutions, cusps, posture changes",
@@ -348,5 +383,11 @@ ANALYSES: dict[str, Analysis] = {
         {"zhao2021_caption": lambda: ZHAO2021_CAPTION, "zhao2021_text": lambda: ZHAO2021_TEXT},
         ("zhao2021_caption", "zhao2021_text"),
         _analyze_dual_triangle,
+    ),
+    "planar-four-bar": Analysis(
+        "actuator and output workspace, singular configurations, thrusts, energy of the mirror images",
+        {"ji2014": lambda: JI2014},
+        ("ji2014",),
+        _analyze_planar_four_bar,
     ),
 }

@@ -92,6 +92,19 @@ ENTRIES = (
         {},
         200,
     ),
+    Entry(
+        "tensegrity/PlanarFourBarReach-v0",
+        "planar 4-bar tensegrity, actuator length increments, no load",
+        "PlanarFourBarReach",
+        {},
+    ),
+    Entry(
+        "tensegrity/PlanarFourBarLoadedReach-v0",
+        "planar 4-bar tensegrity, actuator length increments, unknown force on F of up to 0.2 K L, only tip and "
+        "lengths observed",
+        "PlanarFourBarReach",
+        {"load_range": (0.0, 0.2), "observe": "tip_and_inputs"},
+    ),
 )
 _SHELLS = {
     "quasi_static": "tensegrity_envs.env:ManipulatorEnv",

@@ -34,6 +34,7 @@ _GOOD, _BAD = (43, 158, 84), (214, 40, 40)
 _TENSIONS = np.array(
     [(70, 3, 159), (114, 1, 168), (156, 23, 158), (189, 55, 134), (216, 87, 107), (237, 121, 83), (251, 159, 58)]
 )
+_LEGENDS = {"cable": "cable tension [N]", "actuator": "axial force [N]"}  # of the colours, by kind of member
 _TRACE_LENGTH = 200  # positions
 _SUPERSAMPLING = 2
 _COILS = 9  # turning points of a spring
@@ -45,8 +46,8 @@ class Scene:
 
     Attributes:
         nodes: positions (x, y) of the named nodes [m].
-        members: bars, springs and cables between them; the order is that of drawing within a kind.
-        tensions: of cables and springs, by member name [N]; a cable without one is grey.
+        members: bars, springs, cables and actuators between them; the order is that of drawing within a kind.
+        tensions: of cables, springs and actuators, by member name [N]; a cable or actuator without one is grey.
         tension_bounds: the ends of the colour scale [N].
         tip: position of the end-effector [m].
         target: position of the goal [m], or None.
@@ -298,7 +299,7 @@ def _picture(scene: Scene, size: tuple[int, int]) -> "Surface":
 
     view = View(size, scene.reach, _SUPERSAMPLING)
     coloured = {member.kind for member in scene.members if member.kind == "cable" or member.name in scene.tensions}
-    legend = "cable tension [N]" if "cable" in coloured else "spring force [N]"
+    legend = next((text for kind, text in _LEGENDS.items() if kind in coloured), "spring force [N]")
     canvas = _Canvas(view, _background(view, scene.tension_bounds if coloured else None, legend).copy())
     _draw_gauges(canvas, scene)
     canvas.surface.set_clip((0, round(view.strip + view.unit), canvas.width, canvas.height))
@@ -373,7 +374,7 @@ def _draw_gauges(canvas: _Canvas, scene: Scene) -> None:
 
 
 def _draw_mechanism(canvas: _Canvas, scene: Scene) -> None:
-    """Trace, ground, cables, springs, bars, pivots; over them target and tip."""
+    """Trace, ground, cables, springs, bars, actuators, pivots; over them target and tip."""
     view = canvas.view
     nodes = {name: view.pixel(position) for name, position in scene.nodes.items()}
     u = view.unit * _line_weight(view, scene, nodes)
@@ -389,6 +390,12 @@ def _draw_mechanism(canvas: _Canvas, scene: Scene) -> None:
             start, end = (nodes[name] for name in member.nodes)
             canvas.line(_along(start, end, 0.25), _along(start, end, 0.75), 7 * u, _PAPER)  # one bar is in front
             canvas.line(start, end, 4.6 * u, _BAR)
+        elif member.kind == "actuator":  # a cylinder and its rod
+            start, end = (nodes[name] for name in member.nodes)
+            force = scene.tensions.get(member.name)
+            colour = _FAINT if force is None else tension_colour(force, scene.tension_bounds)
+            canvas.line(start, end, 2.4 * u, colour)
+            canvas.line(start, _along(start, end, 0.6), 6.5 * u, colour)
     for member, start, end, lane in _lanes(scene.members, nodes):
         offset = 6 * u * lane
         if member.kind == "spring":

@@ -9,7 +9,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from tensegrity_agents.controllers import dual_triangle, two_x, two_x_posture
+from tensegrity_agents.controllers import dual_triangle, planar_four_bar, two_x, two_x_posture
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.random import RandomController
 from tensegrity_envs.core import Core
@@ -42,6 +42,12 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
         "pseudo_inverse": dual_triangle.PushPseudoInverse,
         "observer": dual_triangle.PushObserver,
         "oracle": dual_triangle.PushOracle,
+    },
+    "PlanarFourBarReach": {
+        "closed_form_ik": planar_four_bar.ClosedFormIK,
+        "pseudo_inverse": planar_four_bar.PseudoInverse,
+        "observer": planar_four_bar.Observer,
+        "oracle": planar_four_bar.Oracle,
     },
 }
 

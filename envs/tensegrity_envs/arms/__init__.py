@@ -1,15 +1,25 @@
 """The mechanisms as environments: how each is drawn, driven and seen."""
 
 from tensegrity_envs.arms.dual_triangle import DualTrianglePush, DualTriangleReach
+from tensegrity_envs.arms.planar_four_bar import PlanarFourBarReach
 from tensegrity_envs.arms.two_x import TwoXReach
 from tensegrity_envs.arms.two_x_posture import TwoXPostureChange
 from tensegrity_envs.core import Core
 
 ARMS: dict[str, type[Core]] = {
-    arm.__name__: arm for arm in (TwoXReach, DualTriangleReach, DualTrianglePush, TwoXPostureChange)
+    arm.__name__: arm
+    for arm in (TwoXReach, DualTriangleReach, DualTrianglePush, TwoXPostureChange, PlanarFourBarReach)
 }
 
-__all__ = ["ARMS", "DualTrianglePush", "DualTriangleReach", "TwoXPostureChange", "TwoXReach", "core_of"]
+__all__ = [
+    "ARMS",
+    "DualTrianglePush",
+    "DualTriangleReach",
+    "PlanarFourBarReach",
+    "TwoXPostureChange",
+    "TwoXReach",
+    "core_of",
+]
 
 
 def core_of(arm: str | type[Core], options: dict[str, object]) -> Core:

@@ -8,10 +8,12 @@ from tensegrity_envs.mechanics.dual_triangle import (
     DualTriangleSegment,
 )
 from tensegrity_envs.mechanics.equilibrium import Equilibrium
+from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022, InverseSolution, TwoX, TwoXDesign
 
 __all__ = [
     "FURET2018",
+    "JI2014",
     "MURALIDHARAN2022",
     "ZHAO2021_CAPTION",
     "ZHAO2021_TEXT",
@@ -20,6 +22,8 @@ __all__ = [
     "DualTriangleSegment",
     "Equilibrium",
     "InverseSolution",
+    "PlanarFourBar",
+    "PlanarFourBarDesign",
     "TwoX",
     "TwoXDesign",
 ]

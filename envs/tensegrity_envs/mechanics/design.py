@@ -63,7 +63,8 @@ class Member:
 
     Attributes:
         name: unique within the mechanism.
-        kind: "bar" (rigid), "spring" (zero or given free length) or "cable" (a tension input).
+        kind: "bar" (rigid), "spring" (zero or given free length), "cable" (a tension input) or "actuator" (a rigid bar
+            whose length is an input).
         nodes: the names of its two end nodes.
         stiffness: [N/m], of a spring.
         free_length: [m], of a spring.
@@ -74,7 +75,7 @@ class Member:
     """
 
     name: str
-    kind: Literal["bar", "spring", "cable"]
+    kind: Literal["bar", "spring", "cable", "actuator"]
     nodes: tuple[str, str]
     stiffness: float = 0.0
     free_length: float = 0.0

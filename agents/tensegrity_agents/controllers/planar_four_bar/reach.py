@@ -1,0 +1,278 @@
+"""The analytic controllers that reach with the planar 4-bar mechanism, and what each of them knows.
+
+[Ji2014] has no controller. The closed form is the inverse kinematics; under a force the mechanism yields across bar CF,
+and can snap to its other side: observer and oracle plan with that.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, way_points
+from tensegrity_agents.controllers.planar_four_bar.reading import Reading, configuration, force_across, read, side
+from tensegrity_agents.controllers.privileged import Privileged
+from tensegrity_envs.core import Core
+from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
+from tensegrity_envs.simulation import Episode
+
+
+class Memory(NamedTuple):
+    """What a controller carries from step to step, for n environments.
+
+    Attributes:
+        way: actuator lengths to visit one after another, shape (n, LEGS, 2) [m].
+        leg: which of them is next, shape (n,).
+        step: of the episode, shape (n,).
+        information: sum of t t^T over the directions t across bar CF in which the force has been measured, (n, 2, 2).
+        evidence: sum of t times what was measured, (n, 2) [N].
+        load: with which the way was planned, (n, 2) [N].
+        least: distance of the tip from the target since the last new start, (n,) [m].
+        waited: steps in which it did not fall, (n,).
+    """
+
+    way: np.ndarray
+    leg: np.ndarray
+    step: np.ndarray
+    information: np.ndarray
+    evidence: np.ndarray
+    load: np.ndarray
+    least: np.ndarray
+    waited: np.ndarray
+
+
+def _nothing(lengths: np.ndarray) -> Memory:
+    n = len(lengths)
+    return Memory(
+        np.repeat(lengths[:, None], LEGS, axis=1),
+        np.zeros(n, int),
+        np.zeros(n, int),
+        np.zeros((n, 2, 2)),
+        np.zeros((n, 2)),
+        np.full((n, 2), np.nan),
+        np.full(n, np.inf),
+        np.zeros(n, int),
+    )
+
+
+class ReachController:
+    """Follows a way of actuator lengths. Subclasses say how it is planned.
+
+    Args:
+        core: of the environment.
+    """
+
+    wants_privileged = False
+    knows = ""
+
+    def __init__(self, core: Core) -> None:
+        self.core = core
+        self.rate = core.simulation.rate
+        self.privileged: Episode | None = None
+        self._take(core.design)
+
+    def _take(self, design: PlanarFourBarDesign) -> None:
+        self.nominal = PlanarFourBar(design)
+        simulation: Any = self.core.simulation
+        low, high = simulation.bounds(self.nominal)
+        self.bounds = (float(low), float(high))
+        points = way_points(self.nominal, 40)
+        pairs = np.stack([np.repeat(points[:24], 24, axis=0), np.tile(points[:24], (24, 1))], axis=1)
+        self.table = np.concatenate([np.repeat(points[:, None], 2, axis=1), pairs[::3]])
+
+    def begin_episodes(self, mask: np.ndarray, design: PlanarFourBarDesign, privileged: Episode | None = None) -> None:
+        """Take the nominal design and, if this controller asks for it, the true episodes."""
+        self._take(design)
+        self.privileged = privileged
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Memory]:
+        """Actions (n, 2) for a batch of n observations."""
+        reading = read(observation, self.core)
+        n = len(reading.tip)
+        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        nothing = _nothing(reading.lengths)
+        memory = nothing if state is None else Memory(*(np.array(part) for part in state))
+        for old, new in zip(memory, nothing, strict=True):
+            old[fresh] = new[fresh]
+        action, memory = self._act(reading, memory)
+        return np.clip(action, -1.0, 1.0), memory._replace(step=memory.step + 1)
+
+    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """Actions, and what to remember."""
+        return self._along(reading, self._planned(reading, memory, np.flatnonzero(memory.step == 0)))
+
+    def _load(self, reading: Reading, memory: Memory) -> np.ndarray:
+        """The force on F that is planned with, shape (n, 2) [N]."""
+        return np.zeros_like(reading.tip)
+
+    def _planned(self, reading: Reading, memory: Memory, index: np.ndarray) -> Memory:
+        """With new ways for the environments at `index`."""
+        if not len(index):
+            return memory
+        part, load = reading.take(index), self._load(reading, memory)[index]
+        q = configuration(self.nominal, part)
+        tolerance = self.core.task.tolerance / 2
+        way, leads = plan(
+            self.nominal, q, part.lengths, part.target, load, self.table, self.rate, self.bounds, tolerance
+        )
+        old = memory.way[index]
+        known = np.isfinite(memory.load[index, 0])
+        memory.way[index] = np.where((leads | ~known)[:, None, None], way, old)  # an old way is better than none
+        memory.leg[index] = np.where(leads | ~known, 0, memory.leg[index])
+        memory.load[index] = load
+        return memory
+
+    def _along(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+        rows = np.arange(len(memory.leg))
+        leg = memory.leg
+        for _ in range(LEGS):
+            gap = memory.way[rows, leg] - reading.lengths
+            leg = np.where((np.abs(gap).max(axis=1) < 1e-4 * self.rate) & (leg < LEGS - 1), leg + 1, leg)
+        gap = memory.way[rows, leg] - reading.lengths
+        share = np.maximum(np.abs(gap).max(axis=1, keepdims=True) / self.rate, 1.0)
+        return gap / share / self.rate, memory._replace(leg=leg)
+
+
+class ClosedFormIK(ReachController):
+    """Inverse kinematics of the unloaded rectangle, on its side; the lengths go there straight, or round the
+    singularity at rho1 = rho2 = L.
+    """
+
+    knows = "the nominal design; closed-form inverse kinematics without a load, no feedback"
+
+
+class PseudoInverse(ReachController):
+    """Resolved rate: steps of the lengths by the damped pseudo-inverse of the unloaded Jacobian, with feedback.
+
+    Steps that would come close to a singularity of the unloaded rectangle are turned aside. Where the error stops
+    falling, at a fold of the Jacobian, the lengths first go to those of a fixed table whose tip is nearest to the
+    target but which are not near.
+    """
+
+    knows = "the nominal design; feedback of the tip error"
+    gain = 0.6
+    damping = 0.1
+    keep_off = 0.07  # of the stability margin
+    patience = 6  # steps without progress
+    apart = 0.2  # so different the next lengths are, in L
+    turns = np.deg2rad([0.0, 40.0, -40.0, 80.0, -80.0, 120.0, -120.0, 160.0, -160.0, 180.0])
+
+    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+        lengths, here = reading.lengths, side(self.nominal, reading)
+        error = reading.target - reading.tip
+        memory = self._watch(reading, np.hypot(*error.T), here, memory)
+        crossing = memory.leg > 0
+        step = np.where(crossing[:, None], memory.way[:, 0] - lengths, self._resolved_rate(lengths, here, error))
+        step = step / np.maximum(np.abs(step).max(axis=1, keepdims=True) / self.rate, 1.0)
+        return self._turned_aside(lengths, step) / self.rate, memory
+
+    def _resolved_rate(self, lengths: np.ndarray, here: np.ndarray, error: np.ndarray) -> np.ndarray:
+        square, rest = self.nominal.flatness(tuple(lengths.T))
+        regular = np.minimum(square, rest) > 1e-3
+        safe = np.where(regular[:, None], lengths, float(self.nominal.length) * np.array([1.2, 0.8]))
+        jacobian = np.moveaxis(np.array(self.nominal.jacobian(tuple(safe.T), here)), -1, 0)
+        inner = np.einsum("nij,nkj->nik", jacobian, jacobian) + self.damping**2 * np.eye(2)
+        wanted = self.gain * error
+        return np.asarray(np.einsum("nji,njk,nk->ni", jacobian, np.linalg.inv(inner), wanted))
+
+    def _turned_aside(self, lengths: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """The step, turned until the lengths keep off the singularities; or less far in, where they are too close."""
+        c, s = np.cos(self.turns), np.sin(self.turns)
+        turned = np.stack(
+            [np.outer(c, step[:, 0]) - np.outer(s, step[:, 1]), np.outer(s, step[:, 0]) + np.outer(c, step[:, 1])]
+        )
+        new = np.clip(lengths.T[:, None] + turned, *self.bounds)
+        square, rest = self.nominal.flatness((new[0], new[1]))
+        margin = 2 * np.minimum(square, rest)
+        good = margin >= self.keep_off
+        choice = np.where(good.any(axis=0), good.argmax(axis=0), margin.argmax(axis=0))
+        return np.asarray((new[:, choice, np.arange(len(step))]).T - lengths)
+
+    def _watch(self, reading: Reading, distance: np.ndarray, here: np.ndarray, memory: Memory) -> Memory:
+        """Begin to go to other lengths where there was no progress (leg > 0), and end it there."""
+        progress = (distance < 0.98 * memory.least) | (distance <= self.core.task.tolerance)
+        waited = np.where(progress, 0, memory.waited + 1)
+        crossing = memory.leg > 0
+        there = np.abs(memory.way[:, 0] - reading.lengths).max(axis=1) < 0.2 * self.rate
+        tired = crossing & (waited > 40)
+        stuck = ~crossing & (waited > self.patience)
+        if stuck.any():
+            l = float(self.nominal.length)
+            table = self.table[:40, 0]
+            tips = [np.stack(self.nominal.rectangle(tuple(table.T), sign)[1], axis=1) for sign in (1.0, -1.0)]
+            on_side = np.where(here[:, None, None] > 0, tips[0], tips[1])
+            away = np.linalg.norm(reading.target[:, None] - on_side, axis=2)
+            near = np.abs(table - reading.lengths[:, None]).max(axis=2) < self.apart * l
+            visited = np.abs(table - memory.way[:, None, 0]).max(axis=2) < self.apart * l
+            choice = np.where(near | visited, np.inf, away).argmin(axis=1)
+            memory.way[stuck] = table[choice[stuck]][:, None]
+        crossing = (crossing | stuck) & ~there & ~tired
+        changed = crossing != (memory.leg > 0)
+        return memory._replace(
+            leg=crossing.astype(int),
+            waited=np.where(changed, 0, waited),
+            least=np.where(changed, np.inf, np.minimum(memory.least, distance)),
+        )
+
+
+class Observer(ReachController):
+    """Identifies the force on F from tip and lengths, and plans with it.
+
+    One posture reveals the force across bar CF only. So the first step is a small one, the safest under what is known;
+    two postures reveal all of the force, by least squares.
+    """
+
+    knows = "the nominal design; identifies the force from tip and lengths, checks that the way is stable"
+    prior = 1e-8  # of the information: the force is the smallest that explains everything
+    first_step = 0.5  # as a share of the largest
+    different = 5e-4  # a change of the force that makes the way be planned again; smaller forces count as none [K L]
+
+    def _load(self, reading: Reading, memory: Memory) -> np.ndarray:
+        inner = memory.information + self.prior * np.eye(2)
+        load = np.linalg.solve(inner, memory.evidence[..., None])[..., 0]
+        return np.where(np.hypot(*load.T)[:, None] < self._noticeable, 0.0, load)
+
+    @property
+    def _noticeable(self) -> float:
+        return self.different * float(self.nominal.largest_force)
+
+    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+        across, pull = force_across(self.nominal, reading)
+        memory = memory._replace(
+            information=memory.information + across[:, :, None] * across[:, None, :],
+            evidence=memory.evidence + across * pull[:, None],
+        )
+        changed = np.hypot(*(self._load(reading, memory) - memory.load).T)
+        away = np.hypot(*(reading.target - reading.tip).T) > self.core.task.tolerance
+        arrived = np.abs(memory.way[:, -1] - reading.lengths).max(axis=1) < 1e-4 * self.rate
+        again = ~(changed < self._noticeable) | (away & arrived & (memory.step < 90))  # NaN: never planned
+        first = memory.step == 0
+        action, memory = self._along(reading, self._planned(reading, memory, np.flatnonzero(again & ~first)))
+        begun = np.flatnonzero(first)
+        if len(begun):
+            action[begun] = self._safest(reading.take(begun), self._load(reading, memory)[begun])
+        return action, memory
+
+    def _safest(self, reading: Reading, load: np.ndarray) -> np.ndarray:
+        """Of small actions in eight directions the one after which the mechanism has the largest margin, (n, 2)."""
+        n, q = len(load), configuration(self.nominal, reading)
+        turn = np.arange(8) * np.pi / 4
+        actions = self.first_step * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        end = np.clip(reading.lengths[:, None] + self.rate * actions, *self.bounds).reshape(-1, 1, 2)
+        points = np.concatenate([np.repeat(reading.lengths, 8, axis=0)[:, None], *[end] * LEGS], axis=1)
+        _, margin = trips(self.nominal, np.repeat(q, 8, axis=0), points, np.repeat(load, 8, axis=0))
+        return np.asarray(actions[margin.reshape(n, 8).argmax(axis=1)])
+
+
+class Oracle(Privileged, ReachController):
+    """Told the true force."""
+
+    knows = "the true force; plans ways along which the mechanism does not snap"
+
+    def _load(self, reading: Reading, memory: Memory) -> np.ndarray:
+        assert self.privileged is not None
+        load = np.empty_like(reading.tip)
+        for axis, force in enumerate(self.privileged.load):
+            load[:, axis] = force
+        return load

@@ -1,0 +1,72 @@
+"""What an analytic controller reads off the observation of a planar 4-bar mechanism, and the force that it reveals."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_envs.core import Core
+from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
+from tensegrity_envs.mechanics.planar_four_bar.equilibria import pointing
+
+
+class Reading(NamedTuple):
+    """A batch of n observations in SI units.
+
+    Attributes:
+        tip: shape (n, 2) [m].
+        target: shape (n, 2) [m].
+        lengths: of the actuators, shape (n, 2) [m].
+    """
+
+    tip: np.ndarray
+    target: np.ndarray
+    lengths: np.ndarray
+
+    def take(self, index: np.ndarray) -> "Reading":
+        """Those of some environments."""
+        return Reading(*(value[index] for value in self))
+
+
+def read(observation: Any, core: Core) -> Reading:
+    """Undo the normalization that `core.tip_inputs_and_angles` documents.
+
+    Args:
+        observation: Dict of arrays of shape (n, ...).
+        core: of the environment.
+    """
+    vector = np.asarray(observation["observation"], float)
+    simulation: Any = core.simulation
+    low, high = simulation.bounds(core.nominal)
+    return Reading(
+        np.asarray(observation["achieved_goal"], float),
+        np.asarray(observation["desired_goal"], float),
+        (vector[:, 2:4] * (high - low) + high + low) / 2,
+    )
+
+
+def configuration(mechanism: PlanarFourBar, reading: Reading) -> np.ndarray:
+    """(theta, gamma) [rad], shape (n, 2), in a stable equilibrium: bar CF ends at the tip, bar DE points at its middle."""
+    lengths = tuple(reading.lengths.T)
+    (cx, cy), _ = mechanism.supports(lengths)
+    gamma = np.arctan2(reading.tip[:, 1] - cy, reading.tip[:, 0] - cx)
+    return np.stack([pointing(mechanism, lengths, gamma), gamma], axis=1)
+
+
+def side(mechanism: PlanarFourBar, reading: Reading) -> np.ndarray:
+    """On which side of the line CD the tip is, 1 or -1, shape (n,)."""
+    (cx, cy), (dx, dy) = mechanism.supports(tuple(reading.lengths.T))
+    x, y = reading.tip.T
+    return np.where((cx - dx) * (y - dy) - (cy - dy) * (x - dx) > 0, 1.0, -1.0)
+
+
+def force_across(mechanism: PlanarFourBar, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
+    """The direction across bar CF (n, 2), and the component of the force on F along it (n,) [N].
+
+    That is all that a stable equilibrium reveals: along the bar F is held rigidly. In another posture the direction is
+    another one.
+    """
+    q = configuration(mechanism, reading)
+    lengths = tuple(reading.lengths.T)
+    across = np.stack([-np.sin(q[:, 1]), np.cos(q[:, 1])], axis=1)
+    gradient = mechanism.energy_gradient(tuple(q.T), lengths)[1]  # balanced by L t . f
+    return across, np.asarray(gradient) / float(mechanism.length)

@@ -1,0 +1,101 @@
+"""The planar 4-bar mechanism, driven by increments of its actuator lengths."""
+
+from typing import Any
+
+from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
+from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
+from tensegrity_envs.simulation.protocol import RUNNING, SINGULAR, WRENCH_INFEASIBLE, Episode, State
+from tensegrity_envs.simulation.quasi_static import STEP_SHARE, InputControl, clip, keep_where
+
+STROKE = (0.01, 0.99)  # actuator lengths, as shares of 2 L: at 2 L an actuator has no moment arm
+LARGEST_THRUST = 2.0  # times K L; unloaded rectangles never need more
+LEAST_STIFFNESS = 0.02  # stability margin below which an unloaded rectangle counts as singular
+
+
+def wrench_margin(mechanism: PlanarFourBar, q: Components, lengths: Components, load: Components) -> Component:
+    """Distance of the larger of the two thrusts from its bound, as a share of it [-]."""
+    p1, p2 = mechanism.thrusts(q, lengths, load)
+    xp = namespace_of(p1, p2)
+    return 1 - xp.maximum(abs(p1), abs(p2)) / (LARGEST_THRUST * mechanism.largest_force)
+
+
+class LoadedLengthControl(InputControl):
+    """Under a force: the mechanism follows its stable equilibrium in (theta, gamma) by continuation.
+
+    Snapping to the other side is a failure ("buckled"), and so is a thrust beyond 2 K L.
+    """
+
+    action_size = 2
+    rate_unit = "m"
+
+    def __init__(self, mechanism: PlanarFourBar) -> None:
+        self.rate = STEP_SHARE * float(mechanism.length)
+
+    def bounds(self, mechanism: PlanarFourBar) -> tuple[Component, Component]:
+        """Shortest and longest actuator length [m]."""
+        low, high = STROKE
+        return 2 * low * mechanism.length, 2 * high * mechanism.length
+
+    def statics(self, mechanism: PlanarFourBar, u: Components, inputs: Components, load: Components) -> Any:
+        """See `PlanarFourBar.statics`."""
+        return mechanism.statics(u, inputs, load)
+
+    def from_coordinates(self, mechanism: PlanarFourBar, u: Components) -> Components:
+        """The angles brought back to (-pi, pi]: bars may turn all the way round."""
+        xp = namespace_of(*u)
+        return tuple(xp.atan2(xp.sin(angle), xp.cos(angle)) for angle in u)
+
+    def margins(
+        self, mechanism: PlanarFourBar, q: Components, inputs: Components, load: Components
+    ) -> tuple[Component, Component]:
+        """Smallest eigenvalue of the Hessian divided by K L^2, and `wrench_margin`."""
+        return mechanism.stability_margin(q, inputs, load), wrench_margin(mechanism, q, inputs, load)
+
+    def usual_inputs(self, mechanism: PlanarFourBar, q: Components, load: Components) -> Components:
+        """None: the angles alone do not tell the lengths.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError("the planar 4-bar mechanism must be started with its actuator lengths")
+
+    def _at(
+        self, mechanism: PlanarFourBar, q: Components, inputs: Components, load: Components, time: Component
+    ) -> State:
+        stability, wrench = self.margins(mechanism, q, inputs, load)
+        return State(q, inputs, mechanism.tip(q, inputs), stability, wrench, RUNNING, time)
+
+    def advance(self, mechanism: PlanarFourBar, episode: Episode, state: State, action: Components) -> State:
+        """See `Simulation.advance`."""
+        new = super().advance(mechanism, episode, state, action)
+        xp = namespace_of(*state.configuration)
+        weak = (new.failure == RUNNING) & (new.wrench_margin < 0)
+        return keep_where(xp, weak, new._replace(failure=xp.where(weak, WRENCH_INFEASIBLE, new.failure)), state)
+
+
+class RectangleControl(LoadedLengthControl):
+    """Without a load, in closed form: the rectangle stays on its side of the line CD.
+
+    Coming close to where C and D coincide or where the rectangle becomes flat is a failure ("singular").
+    """
+
+    def margins(
+        self, mechanism: PlanarFourBar, q: Components, inputs: Components, load: Components
+    ) -> tuple[Component, Component]:
+        """Stability margin 2 min(R^2, 1 - R^2) and `wrench_margin`."""
+        square, rest = mechanism.flatness(inputs)
+        xp = namespace_of(square)
+        return 2 * xp.minimum(square, rest), wrench_margin(mechanism, q, inputs, (0.0, 0.0))
+
+    def advance(self, mechanism: PlanarFourBar, episode: Episode, state: State, action: Components) -> State:
+        """See `Simulation.advance`."""
+        xp = namespace_of(*state.configuration)
+        low, high = self.bounds(mechanism)
+        lengths = tuple(clip(xp, rho + self.rate * a, low, high) for rho, a in zip(state.inputs, action, strict=True))
+        side = xp.where(mechanism.side_of(state.configuration, state.inputs) > 0, 1.0, -1.0)
+        q, tip = mechanism.rectangle(lengths, side)
+        stability, wrench = self.margins(mechanism, q, lengths, (0.0, 0.0))
+        singular = stability < LEAST_STIFFNESS
+        failure = xp.where(singular, SINGULAR, xp.where(wrench < 0, WRENCH_INFEASIBLE, RUNNING))
+        new = State(q, lengths, tip, stability, wrench, failure, state.time + 1)
+        return keep_where(xp, failure != RUNNING, new, state)
