@@ -6,13 +6,12 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-import tensegrity_envs
 from tensegrity_agents import benchmark
 from tensegrity_agents.console import clear_errors, console, find_experiment
 
 
 def main(
-    only: Annotated[str, typer.Option(help="single, vector, ppo, redundancy, or all")] = "all",
+    only: Annotated[str, typer.Option(help="single, vector, dynamics, ppo, redundancy, or all")] = "all",
     config: Annotated[Path, typer.Option(help="settings of PPO")] = Path("configs/two_x_reach.yaml"),
 ) -> None:
     """Measure steps per second of single and vector environments and of PPO.
@@ -20,8 +19,8 @@ def main(
     Takes about three minutes; leave the machine alone meanwhile.
     """
     with clear_errors():
-        if only not in ("all", "single", "vector", "ppo", "redundancy"):
-            raise ValueError(f"--only {only}: must be single, vector, ppo, redundancy or all")
+        if only not in ("all", "single", "vector", "dynamics", "ppo", "redundancy"):
+            raise ValueError(f"--only {only}: must be single, vector, dynamics, ppo, redundancy or all")
 
         def progress(what: str) -> None:
             console.print(f"[dim]{what}[/]", highlight=False)
@@ -31,6 +30,8 @@ def main(
             lines += benchmark.single(progress=progress)
         if only in ("all", "vector"):
             lines += benchmark.vector(progress=progress)
+        if only in ("all", "dynamics"):
+            lines += benchmark.dynamics(progress=progress)
         if only in ("all", "ppo"):
             lines += benchmark.ppo(find_experiment(config, None), progress=progress)
         if only in ("all", "redundancy"):
@@ -41,7 +42,7 @@ def main(
             table.add_row(line.what, f"{line.per_second:,.0f}", f"{line.ratio:.2f}x", met)
         console.print(table)
         if only in ("all", "vector"):
-            for env_id in tensegrity_envs.ENV_IDS:
+            for env_id in benchmark.RESTING:
                 shares = ", ".join(f"{name} {share:.0%}" for name, share in benchmark.shares(env_id).items())
                 console.print(f"where a vector step of {env_id} goes: {shares}", highlight=False, soft_wrap=True)
 

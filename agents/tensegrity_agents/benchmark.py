@@ -1,6 +1,7 @@
 """Speeds as ratios to Gymnasium's Reacher-v5, all measured in one run; absolute numbers depend on the machine."""
 
 import cProfile
+import os
 import pstats
 import time
 from collections.abc import Callable
@@ -20,6 +21,8 @@ from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 from tensegrity_envs.mechanics import DualTriangle
 
 REFERENCE = "Reacher-v5"
+MOVING = tuple(env_id for env_id in tensegrity_envs.ENV_IDS if "MuJoCo" in env_id)
+RESTING = tuple(env_id for env_id in tensegrity_envs.ENV_IDS if env_id not in MOVING)
 _PARTS = {
     ("core", "step"): "physics and reward",
     ("episodes", "pop"): "new episodes",
@@ -38,6 +41,14 @@ _VECTOR_GOALS = {
     **{f"tensegrity/DualTriangle{task}-v0": 30.0 for task in ("Reach", "LoadedReach", "Push")},
     "tensegrity/PlanarFourBarReach-v0": 40.0,
 }
+
+
+_DYNAMIC_GOALS = {
+    "tensegrity/TwoXTensionReachMuJoCo-v0": 0.5,
+    **{f"tensegrity/DualTriangle{task}MuJoCo-v0": 0.7 for task in ("Reach", "LoadedReach")},
+}
+# Uniform random actions of full size end an episode of pushing within a step or two.
+_GENTLE = ("tensegrity/DualTrianglePush-v0", 0.05)
 
 
 class Speed(NamedTuple):
@@ -60,7 +71,7 @@ def single(rounds: int = 5, steps: int = 2000, progress: Callable[[str], None] =
     """Single environments through `gym.make`, uniform random actions, resets included; median over interleaved
     rounds.
     """
-    ids = (REFERENCE, *tensegrity_envs.ENV_IDS)
+    ids = (REFERENCE, *RESTING)
     envs = {env_id: gym.make(env_id) for env_id in ids}
     taken: dict[str, list[float]] = {env_id: [] for env_id in ids}
     stepping: dict[str, list[float]] = {env_id: [] for env_id in ids}
@@ -100,12 +111,12 @@ def vector(count: int = 1024, steps: int = 310, progress: Callable[[str], None] 
     """
     lines: list[Speed] = []
     reference = 0.0
-    for env_id in (REFERENCE, *tensegrity_envs.ENV_IDS):
+    for env_id, size in [(REFERENCE, 1.0), *((env_id, 1.0) for env_id in RESTING), _GENTLE]:
         progress(f"vector {env_id} x {count}, {steps} steps")
         mode = "sync" if env_id == REFERENCE else "vector_entry_point"
         envs = gym.make_vec(env_id, count, vectorization_mode=mode)
         rng = np.random.default_rng(0)
-        actions = rng.uniform(-1, 1, (steps, *envs.action_space.shape)).astype(np.float32)  # type: ignore[misc]
+        actions = rng.uniform(-size, size, (steps, *envs.action_space.shape)).astype(np.float32)  # type: ignore[misc]
         envs.reset(seed=0)
         envs.step(actions[0])  # compiled code is loaded here
         begun = time.perf_counter()
@@ -114,8 +125,72 @@ def vector(count: int = 1024, steps: int = 310, progress: Callable[[str], None] 
         rate = count * steps / (time.perf_counter() - begun)
         envs.close()
         reference = reference or rate
-        lines.append(Speed(f"vector {env_id} x {count}", rate, rate / reference, _VECTOR_GOALS.get(env_id)))
+        what = f"vector {env_id} x {count}" + (f", actions of at most {size:g}" if size < 1 else "")
+        lines.append(Speed(what, rate, rate / reference, _VECTOR_GOALS.get(env_id) if size == 1 else None))
     return lines
+
+
+def dynamics(
+    rounds: int = 3, steps: int = 400, count: int = 512, progress: Callable[[str], None] = print
+) -> list[Speed]:
+    """Dynamic environments against Reacher-v5 of the same number of time steps in a step: single ones, and the vector's
+    throughput for each core against that of the better of Gymnasium's sync (one core) and async vectors (all cores).
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    lines = []
+    for env_id in MOVING:
+        env = gym.make(env_id)
+        core: Any = env.unwrapped.core  # type: ignore[attr-defined]
+        skip = core.dynamics.frame_skip
+        pair = {env_id: env, REFERENCE: gym.make(REFERENCE, frame_skip=skip)}
+        taken: dict[str, list[float]] = {name: [] for name in pair}
+        for turn in range(rounds):
+            progress(f"single {env_id} and {REFERENCE}, {skip} time steps, round {turn + 1} of {rounds}")
+            for name, one in pair.items():
+                taken[name].append(_stepping(one, steps))
+        own, reference = (float(np.median(taken[name])) for name in (env_id, REFERENCE))
+        what = f"single {env_id} step, of {skip} time steps each"
+        lines.append(Speed(what, 1 / own, reference / own, _DYNAMIC_GOALS.get(env_id)))
+        rates = {}
+        for mode, used in (("sync", 1), ("async", cores)):
+            progress(f"{mode} vector of {REFERENCE}, {skip} time steps")
+            vectors = gym.make_vec(REFERENCE, used if used > 1 else 16, vectorization_mode=mode, frame_skip=skip)
+            rates[mode] = _vector_rate(vectors, 2 * steps if used > 1 else steps // 4) / used
+        progress(f"vector {env_id} x {count}")
+        ours = _vector_rate(gym.make_vec(env_id, count, vectorization_mode="vector_entry_point"), 20) / cores
+        best = max(rates, key=lambda mode: rates[mode])
+        what = f"vector {env_id} x {count}, for each core, against the {best} vector"
+        lines.append(Speed(what, ours, ours / rates[best], None))
+    return lines
+
+
+def _stepping(env: gym.Env[Any, Any], steps: int) -> float:
+    """Seconds for a step, resets aside, with uniform random actions of a third of the full size."""
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    total = 0.0
+    for _ in range(steps):
+        action = env.action_space.sample() / 3
+        begun = time.perf_counter()
+        _, _, terminated, truncated, _ = env.step(action)
+        total += time.perf_counter() - begun
+        if terminated or truncated:
+            env.reset()
+    return total / steps
+
+
+def _vector_rate(envs: Any, steps: int) -> float:
+    """Environment steps per second, resets included, with uniform random actions of a third of the full size."""
+    rng = np.random.default_rng(0)
+    actions = rng.uniform(-1 / 3, 1 / 3, (steps + 1, *envs.action_space.shape)).astype(np.float32)
+    envs.reset(seed=0)
+    envs.step(actions[0])
+    begun = time.perf_counter()
+    for action in actions[1:]:
+        envs.step(action)
+    rate = float(envs.num_envs * steps / (time.perf_counter() - begun))
+    envs.close()
+    return rate
 
 
 def shares(env_id: str, count: int = 1024, steps: int = 100) -> dict[str, float]:

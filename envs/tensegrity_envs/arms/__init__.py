@@ -7,8 +7,7 @@ from tensegrity_envs.arms.two_x_posture import TwoXPostureChange
 from tensegrity_envs.core import Core
 
 ARMS: dict[str, type[Core]] = {
-    arm.__name__: arm
-    for arm in (TwoXReach, DualTriangleReach, DualTrianglePush, TwoXPostureChange, PlanarFourBarReach)
+    arm.__name__: arm for arm in (TwoXReach, DualTriangleReach, DualTrianglePush, TwoXPostureChange, PlanarFourBarReach)
 }
 
 __all__ = [

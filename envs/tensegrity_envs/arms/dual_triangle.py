@@ -20,7 +20,7 @@ from tensegrity_envs.tasks import Hold, HoldWeights, Reach, ReachWeights
 
 SEGMENTS = 3
 _MAX_ATTEMPTS = 3200
-_AT_ONCE = 32  # attempts of every episode, in one call
+_AT_FIRST = 2  # attempts of every episode in one call; then twice as many in each
 
 
 class _DualTriangle(Core):
@@ -220,28 +220,26 @@ class DualTrianglePush(_DualTriangle):
         x = to_single(float(self.design.b1) * stream.uniform(5.0, 5.9))
         q = np.zeros((SEGMENTS, n))
         highest = float(self.simulation.bounds(self.nominal)[1])
-        pending = np.arange(n)
-        for _ in range(_MAX_ATTEMPTS // _AT_ONCE):
+        pending, tried, count = np.arange(n), 0, _AT_FIRST
+        while len(pending):
+            if tried >= _MAX_ATTEMPTS:
+                raise RuntimeError(f"no start found for {self.design} in {tried} draws")
             m = len(pending)
-            share, side = stream.at(pending).block(2 * _AT_ONCE).reshape(2, _AT_ONCE * m)
-            stream.skip(2 * _AT_ONCE)
+            share, side = stream.at(pending).block(2 * count).reshape(count, 2, m).swapaxes(0, 1).reshape(2, count * m)
+            stream.skip(2 * count)
             posture, good = evaluate(
                 hold_start,
                 self.design,
                 SEGMENTS,
-                np.tile(x[pending], _AT_ONCE),
+                np.tile(x[pending], count),
                 1.9 * share - 0.95,
                 np.where(side < 0.5, -1.0, 1.0),
                 highest,
             )
-            fits = good.reshape(_AT_ONCE, m)
+            fits = good.reshape(count, m)
             found, first = fits.any(axis=0), fits.argmax(axis=0)
-            q[:, pending[found]] = np.stack(posture).reshape(SEGMENTS, _AT_ONCE, m)[:, first[found], found]
-            pending = pending[~found]
-            if not len(pending):
-                break
-        else:
-            raise RuntimeError(f"no start found for {self.design} in {_MAX_ATTEMPTS} draws")
+            q[:, pending[found]] = np.stack(posture).reshape(SEGMENTS, count, m)[:, first[found], found]
+            pending, tried, count = pending[~found], tried + count, 2 * count  # the same draws whatever the counts
         episodes = Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), (x, 0.0 * x))
         return Drawn(episodes, tuple(q), None)
 

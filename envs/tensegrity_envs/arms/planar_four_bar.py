@@ -6,7 +6,7 @@ import numpy as np
 
 from tensegrity_envs.arms.planar_four_bar_sampling import Sampler
 from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_angles
-from tensegrity_envs.mechanics.namespace import Component, to_single
+from tensegrity_envs.mechanics.namespace import Component, Components, to_single
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.simulation.actuator_lengths import LARGEST_THRUST, LoadedLengthControl, RectangleControl
 from tensegrity_envs.simulation.protocol import Episode, State
@@ -74,7 +74,7 @@ class PlanarFourBarReach(Core):
         goal = tuple(to_single(component) for component in start.target)
         return Drawn(Episode(self.design, start.load, (), goal), start.configuration, start.lengths)
 
-    def observation(self, state: State) -> list[Component]:
+    def observation(self, state: State, episode: Episode) -> list[Component]:
         """See `core.tip_inputs_and_angles`."""
         bounds = self.simulation.bounds(self.nominal)
         return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all)
@@ -84,9 +84,9 @@ class PlanarFourBarReach(Core):
         mechanism = self.mechanism(episode.design)
         return {"load": episode.load, "thrusts": mechanism.thrusts(state.configuration, state.inputs, episode.load)}
 
-    def episode_of(self, info: dict[str, np.ndarray], x: np.ndarray, y: np.ndarray) -> Episode:
+    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
-        return Episode(self.design, tuple(np.asarray(info["load"], float).T), (), (x, y))
+        return Episode(self.design, tuple(np.asarray(info["load"], float).T), (), goal)
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""
