@@ -60,11 +60,20 @@ class Engine:
             models: of every environment, from `model_of`; None for the nominal one.
         """
         model, n = self.model, physics.shape[1]
+        if n == 1:
+            other = None if models is None else models[0]
+            state, diverged = model.advance(physics[:, 0].copy(), actuation[:, 0], loads[:, 0], other)
+            return self._motion(state, diverged)[:, None]
         threads = max(1, min(self._cores, n // _FOR_A_THREAD))
         found = model.rollout(physics.T, actuation.T, loads.T, nthread=threads, models=models)
-        error = model.assembly_error(found.states) if model.linkage.loops else np.zeros(n)
-        parts = (model.configuration(found.states), model.velocity(found.states), found.states)
-        return np.concatenate([*(part.T for part in parts), found.diverged[None], error[None]])
+        return self._motion(found.states, found.diverged)
+
+    def _motion(self, states: np.ndarray, diverged: np.ndarray) -> np.ndarray:
+        """The matrix of motions of states of shape (n, physics size); a column without n."""
+        model = self.model
+        error = model.assembly_error(states)
+        parts = (model.configuration(states), model.velocity(states), states)
+        return np.concatenate([*(part.T for part in parts), diverged[None], error[None]])
 
     def model_of(self, key: tuple[float, ...], parameters: Callable[[], tuple[Any, Dynamics]]) -> Any:
         """MuJoCo's model of other parameters, from memory or made now.

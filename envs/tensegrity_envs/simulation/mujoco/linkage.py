@@ -5,6 +5,7 @@ body, which stay at rest, and where bodies share a point (a hinge). A tree of hi
 hinges outside the tree close loops. Positions are complex numbers x + i y [m] here.
 """
 
+import cmath
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -88,6 +89,11 @@ class Linkage:
         if abs(angles @ self.reading.T - samples).max() > 1e-9:
             raise ValueError(f"{type(mechanism).__name__}: its configuration is not linear in the angles of its hinges")
         self.invariants = self._invariants(nodes)
+        self._chain = [(body.parent, self.local(body.hinge, body.parent)) for body in self.bodies[1:]]
+        places = {name: (self.owner(name), self.local(name, self.owner(name))) for name in self.reference}
+        self._sides = [
+            ([(places[a], places[b]) for a, b in (first, second)], value) for first, second, value in self.invariants
+        ]
 
     # ------------------------------------------------------------------------------------------------ what it finds
 
@@ -252,10 +258,19 @@ class Linkage:
 
     def assembly_error(self, angles: np.ndarray) -> np.ndarray:
         """Largest |left right / (l^2 - b^2) - 1| of the X-joints [-]: far from 0 where one flipped; 0 without them."""
-        error = np.zeros(np.asarray(angles).shape[:-1])
-        if self.invariants:
-            nodes = self.positions(angles)
-            for first, second, value in self.invariants:
-                sides = [abs(nodes[b] - nodes[a]) for a, b in (first, second)]
-                error = np.maximum(error, abs(sides[0] * sides[1] / value - 1))
-        return error
+        angles = np.asarray(angles, float)
+        # Plain complex numbers for one, arrays for many: for one, NumPy's calls would cost more than its physics.
+        one = angles.ndim == 1
+        turns = [cmath.exp(1j * angle) for angle in angles.tolist()] if one else np.moveaxis(np.exp(1j * angles), -1, 0)
+        frames: list[tuple[Any, Any]] = [(0j, 1 + 0j)]
+        for (parent, hinge), turn in zip(self._chain, turns, strict=True):
+            origin, orientation = frames[parent]
+            frames.append((origin + orientation * hinge, orientation * turn))
+        error: Any = 0.0 if one else np.zeros(angles.shape[:-1])
+        for sides, value in self._sides:
+            product = 1.0
+            for (i, first), (j, second) in sides:
+                product = product * abs(frames[i][0] + frames[i][1] * first - frames[j][0] - frames[j][1] * second)
+            off = abs(product / value - 1)
+            error = max(error, off) if one else np.maximum(error, off)
+        return np.asarray(error)

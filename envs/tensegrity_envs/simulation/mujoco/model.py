@@ -259,6 +259,28 @@ class MujocoModel:
         warned = any(data.warning[w].number for w in _DIVERGED)
         return warned or not (abs(data.qvel) < _FASTEST).all()  # NaN compares as False
 
+    def advance(self, state: np.ndarray, inputs: np.ndarray, load: np.ndarray, model: Any = None) -> RolloutResult:
+        """One simulation of `rollout`, to the bit, without its checks: rolling out costs more than a step's physics.
+
+        Args:
+            state: shape (state size,).
+            inputs: the command, shape (input size,).
+            load: at the tip [N], shape (2,).
+            model: from `variant`; None for this one.
+        """
+        model, data = self.model if model is None else model, self._scratch
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_setState(model, data, state, int(_FULL))
+        data.ctrl[:] = inputs
+        data.xfrc_applied[self._tip, 0], data.xfrc_applied[self._tip, 2] = load
+        with _without_log():
+            mujoco.mj_step(model, data, nstep=self.dynamics.frame_skip)
+        diverged = self._has_diverged(data)
+        after = state.copy()
+        if not diverged:
+            mujoco.mj_getState(model, data, after, int(_FULL))
+        return RolloutResult(after, np.array(diverged))
+
     # ---------------------------------------------------------------------------------------------- many simulations
 
     def rollout(
