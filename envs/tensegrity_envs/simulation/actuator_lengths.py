@@ -59,7 +59,7 @@ class LoadedLengthControl(InputControl):
         """
         raise ValueError("the planar 4-bar mechanism must be started with its actuator lengths")
 
-    def _at(
+    def at_rest(
         self, mechanism: PlanarFourBar, q: Components, inputs: Components, load: Components, time: Component
     ) -> State:
         stability, wrench = self.margins(mechanism, q, inputs, load)
