@@ -172,7 +172,9 @@ def compare_all_critical_points(lengths, load):
 
     for _ in range(40):
         g = slope(q)
-        columns = [(slope(q + h * d) - slope(q - h * d)) / (2 * h) for d in (np.array([[1], [0]]), np.array([[0], [1]]))]
+        columns = [
+            (slope(q + h * d) - slope(q - h * d)) / (2 * h) for d in (np.array([[1], [0]]), np.array([[0], [1]]))
+        ]
         table = np.moveaxis(np.stack(columns, axis=1), -1, 0)
         step = np.linalg.solve(table + 1e-9 * np.eye(2), g.T[..., None])[..., 0].T
         q = q - step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=0), 1e-12))
@@ -209,10 +211,10 @@ def test_loaded_equilibria_against_a_constrained_minimizer_on_node_positions():
         ]
         for _ in range(12):
             t, g = rng.uniform(-math.pi, math.pi, 2)
-            start = np.concatenate([d + L * np.array([-np.cos(t), np.sin(t)]), c + L * np.array([np.cos(g), np.sin(g)])])
-            found = minimize(
-                energy, start, method="SLSQP", constraints=bars, options={"maxiter": 500, "ftol": 1e-12}
+            start = np.concatenate(
+                [d + L * np.array([-np.cos(t), np.sin(t)]), c + L * np.array([np.cos(g), np.sin(g)])]
             )
+            found = minimize(energy, start, method="SLSQP", constraints=bars, options={"maxiter": 500, "ftol": 1e-12})
             if not found.success:
                 continue
             gap = np.hypot(*(tips - found.x[2:]).T)
@@ -289,7 +291,9 @@ def test_inverse_kinematics_against_a_scan_of_alpha():
                 for i in np.flatnonzero((slope[1:] > 0) != (slope[:-1] > 0)):
                     if h11[i] > 0 and h11[i] * h22[i] - h12[i] ** 2 > 0:
                         share = slope[i] / (slope[i] - slope[i + 1])
-                        expected.append((lengths[0][0], 2 * L * math.sin((alpha[i] + share * (alpha[i + 1] - alpha[i])) / 2)))
+                        expected.append(
+                            (lengths[0][0], 2 * L * math.sin((alpha[i] + share * (alpha[i + 1] - alpha[i])) / 2))
+                        )
         assert len(expected) == len(found)
         if expected:
             np.testing.assert_allclose(found, sorted(expected), atol=1e-4)
@@ -331,7 +335,9 @@ def test_loaded_jacobian_thrusts_and_compliance_by_differences():
 
             def at(rho, force, state=state):
                 found = ARM.equilibrium(rho, state.configuration, force)
-                return np.array(ARM.tip(found.configuration, rho)), ARM.potential_energy(found.configuration, rho, force)
+                return np.array(ARM.tip(found.configuration, rho)), ARM.potential_energy(
+                    found.configuration, rho, force
+                )
 
             h, jacobian = 1e-4, np.array(ARM.tip_jacobian(state.configuration, lengths, load))
             thrusts = ARM.thrusts(state.configuration, lengths, load)
@@ -495,7 +501,11 @@ def test_components_may_be_floats_arrays_or_tensors():
         nodes = arm.nodes(q, lengths).values()
         gradient, hessian = arm.statics(q, lengths, load)
         values = [arm.potential_energy(q, lengths, load), *gradient, *hessian[0], *hessian[1]]
-        values += [arm.stability_margin(q, lengths, load), *arm.thrusts(q, lengths, load), *(v for n in nodes for v in n)]
+        values += [
+            arm.stability_margin(q, lengths, load),
+            *arm.thrusts(q, lengths, load),
+            *(v for n in nodes for v in n),
+        ]
         values += [*arm.member_forces(q, lengths, load).values(), arm.energy_barrier(lengths)]
         state = arm.rectangle(rectangles, side)
         values += [*state[0], *state[1], *arm.phi(q, lengths), *arm.flat(lengths)[0]]

@@ -2,6 +2,7 @@
 
 import argparse
 import time
+from collections import Counter
 from dataclasses import replace
 
 import gymnasium
@@ -9,6 +10,7 @@ import mujoco
 import numpy as np
 from scipy.linalg import eigh
 
+import tensegrity_envs
 from tensegrity_envs.mechanics import MURALIDHARAN2022, ZHAO2021_CAPTION, ZHAO2021_TEXT, DualTriangle, TwoX
 from tensegrity_envs.simulation.mujoco import Dynamics, MujocoModel
 
@@ -137,6 +139,33 @@ def stress(name, steps, batch=50, seed=0):
     return diverged, bad, *worst
 
 
+def stress_environment(env_id, steps, count=500, seed=0):
+    """Random bang-bang actions in an environment, each held for 1 to 10 steps; how its episodes ended.
+
+    Returns:
+        Numbers of episodes by why they were terminated ("" at the time limit), numbers of observations or rewards that
+        are not finite, largest assembly error [-] of states without failure.
+    """
+    envs = gymnasium.make_vec(env_id, count, vectorization_mode="vector_entry_point")
+    core = envs.unwrapped.core
+    physics = list(core.states.rows.physics)
+    rng = np.random.default_rng(seed)
+    envs.reset(seed=seed)
+    ends, bad, worst = Counter(), 0, 0.0
+    actions = rng.choice([-1.0, 1.0], envs.action_space.shape)
+    for _ in range(max(1, steps // count)):
+        new = rng.random(count) < 1 / 5
+        actions[new] = rng.choice([-1.0, 1.0], (int(new.sum()), actions.shape[1]))
+        observation, reward, terminated, truncated, info = envs.step(actions)
+        bad += sum(int((~np.isfinite(part)).any(axis=1).sum()) for part in observation.values())
+        bad += int((~np.isfinite(reward)).sum())
+        last = info.get("final_info", info)
+        ends.update(str(reason) for reason in last["termination_reason"][terminated | truncated])
+        worst = max(worst, float(core.engine.model.assembly_error(envs.unwrapped._states[physics].T).max()))
+    envs.close()
+    return ends, bad, worst
+
+
 def best_rate(function, count, repeats=7):
     """Largest number of `count` per second over some repeats."""
     best = 0.0
@@ -174,12 +203,23 @@ def speed():
 def main():
     """Print what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    what = ("settle", "energies", "drift", "frequencies", "stress", "speed")
+    what = ("settle", "energies", "drift", "frequencies", "stress", "environments", "speed")
     parser.add_argument("what", choices=what)
     parser.add_argument("--count", type=int, default=200, help="samples, or steps of the stress run")
     arguments = parser.parse_args()
     if arguments.what == "speed":
         speed()
+        return
+    if arguments.what == "environments":
+        for env_id in [name for name in tensegrity_envs.ENV_IDS if "MuJoCo" in name]:
+            start = time.perf_counter()
+            ends, bad, assembly = stress_environment(env_id, arguments.count)
+            text = ", ".join(f"{count} {reason or 'time limit'}" for reason, count in ends.most_common())
+            print(
+                f"{env_id}: {arguments.count} steps, {bad} not finite, assembly error {assembly:.1e}; episodes: {text} "
+                f"({time.perf_counter() - start:.0f} s)",
+                flush=True,
+            )
         return
     for name in MECHANISMS:
         start = time.perf_counter()
