@@ -9,11 +9,13 @@ from tensegrity_envs.mechanics.dual_triangle import (
 )
 from tensegrity_envs.mechanics.equilibrium import Equilibrium
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
+from tensegrity_envs.mechanics.spatial_prism import JAHROMY, SpatialPrism, SpatialPrismDesign
 from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022, InverseSolution, TwoX, TwoXDesign
 
 __all__ = [
     "FURET2018",
     "JI2014",
+    "JAHROMY",
     "MURALIDHARAN2022",
     "ZHAO2021_CAPTION",
     "ZHAO2021_TEXT",
@@ -24,6 +26,8 @@ __all__ = [
     "InverseSolution",
     "PlanarFourBar",
     "PlanarFourBarDesign",
+    "SpatialPrism",
+    "SpatialPrismDesign",
     "TwoX",
     "TwoXDesign",
 ]
