@@ -14,6 +14,7 @@ LAYERS = [
     "simulation",
     "tasks",
     "rendering",
+    "rendering_spatial",
     "core",
     "arms",
     "episodes",

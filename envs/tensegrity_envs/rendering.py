@@ -1,4 +1,4 @@
-"""Draws any planar mechanism from its nodes and members, with pygame-ce.
+"""Draws any planar mechanism from its nodes and members, with pygame-ce; spatial ones are projected before.
 
 `draw` paints a `Scene` into an array and needs no display; `Viewer` shows scenes in a window. pygame is imported on
 first use, so that training without pictures never loads it.
@@ -60,6 +60,9 @@ class Scene:
         base: names of the nodes that the ground carries; None for the first two.
         load: force at the tip [N]; drawn as an arrow.
         load_scale: force whose arrow is a quarter of the reach long [N].
+        curve: the way of a moving goal [m].
+        faces: polygons: corners [m], colour and opacity; opaque ones are painted below the members, others above. With
+            faces, members are drawn in their order, the ones behind first.
     """
 
     nodes: Mapping[str, Point]
@@ -77,6 +80,8 @@ class Scene:
     base: Sequence[str] | None = None
     load: Point = (0.0, 0.0)
     load_scale: float = 1.0
+    curve: Sequence[Point] = ()
+    faces: Sequence[tuple[Sequence[Point], Colour, float]] = ()
 
 
 @dataclass(frozen=True)
@@ -245,6 +250,17 @@ class _Canvas:
         """A filled rectangle."""
         self._draw.rect(self.surface, colour, (round(left), round(top), round(width), round(height)))
 
+    def polygon(self, corners: Sequence[Point], colour: Colour, share: float = 1.0) -> None:
+        """A filled polygon, through which `1 - share` of what is below can be seen."""
+        import pygame
+
+        if share >= 1:
+            self._draw.polygon(self.surface, colour, corners)
+            return
+        layer = pygame.Surface(self.surface.get_size(), pygame.SRCALPHA)
+        self._draw.polygon(layer, (*colour, round(255 * share)), corners)
+        self.surface.blit(layer, (0, 0))
+
     def frame(self, width: float, colour: Colour) -> None:
         """A frame around everything."""
         self._draw.rect(self.surface, colour, self.surface.get_rect(), max(1, round(width)))
@@ -300,6 +316,7 @@ def _picture(scene: Scene, size: tuple[int, int]) -> "Surface":
     view = View(size, scene.reach, _SUPERSAMPLING)
     coloured = {member.kind for member in scene.members if member.kind == "cable" or member.name in scene.tensions}
     legend = next((text for kind, text in _LEGENDS.items() if kind in coloured), "spring force [N]")
+    legend = "force [N]" if {"actuator", "cable"} <= coloured else legend
     canvas = _Canvas(view, _background(view, scene.tension_bounds if coloured else None, legend).copy())
     _draw_gauges(canvas, scene)
     canvas.surface.set_clip((0, round(view.strip + view.unit), canvas.width, canvas.height))
@@ -378,6 +395,10 @@ def _draw_mechanism(canvas: _Canvas, scene: Scene) -> None:
     view = canvas.view
     nodes = {name: view.pixel(position) for name, position in scene.nodes.items()}
     u = view.unit * _line_weight(view, scene, nodes)
+    for corners, colour, share in scene.faces:
+        if share >= 1:
+            canvas.polygon([view.pixel(corner) for corner in corners], colour)
+    canvas.path([view.pixel(position) for position in scene.curve], 1.6 * view.unit, _mix(_TARGET, 0.45))
     trace = [view.pixel(position) for position in scene.trace[-_TRACE_LENGTH:]]
     for i, (start, end) in enumerate(pairwise(trace)):
         canvas.line(start, end, 2.2 * view.unit, _mix(_TIP, 0.1 + 0.6 * (i + 1) / len(trace)))
@@ -385,7 +406,9 @@ def _draw_mechanism(canvas: _Canvas, scene: Scene) -> None:
     if base:
         _draw_ground(canvas, base[0], base[-1], u)
 
-    for member in scene.members:
+    if scene.faces:
+        _draw_in_order(canvas, scene, nodes)
+    for member in [] if scene.faces else scene.members:
         if member.kind == "bar":
             start, end = (nodes[name] for name in member.nodes)
             canvas.line(_along(start, end, 0.25), _along(start, end, 0.75), 7 * u, _PAPER)  # one bar is in front
@@ -396,7 +419,7 @@ def _draw_mechanism(canvas: _Canvas, scene: Scene) -> None:
             colour = _FAINT if force is None else tension_colour(force, scene.tension_bounds)
             canvas.line(start, end, 2.4 * u, colour)
             canvas.line(start, _along(start, end, 0.6), 6.5 * u, colour)
-    for member, start, end, lane in _lanes(scene.members, nodes):
+    for member, start, end, lane in _lanes([] if scene.faces else scene.members, nodes):
         offset = 6 * u * lane
         if member.kind == "spring":
             turns = [_along(start, end, 0.12 + 0.76 * i / (_COILS - 1)) for i in range(_COILS)]
@@ -423,6 +446,34 @@ def _draw_mechanism(canvas: _Canvas, scene: Scene) -> None:
     canvas.dot(tip, 6 * view.unit, _PAPER)
     canvas.dot(tip, 4.8 * view.unit, _TIP)
     _draw_load(canvas, scene, tip)
+
+
+def _draw_in_order(canvas: _Canvas, scene: Scene, nodes: Mapping[str, Point]) -> None:
+    """Members of a projected mechanism, those behind first, each with a rim of paper; then the translucent faces."""
+    u = canvas.view.unit
+    for member in scene.members:
+        start, end = (nodes[name] for name in member.nodes)
+        force = scene.tensions.get(member.name)
+        colour = _FAINT if force is None else tension_colour(force, scene.tension_bounds)
+        if member.kind == "actuator":
+            middle = _along(start, end, 0.55)
+            canvas.line(start, end, 14 * u, _PAPER)
+            canvas.line(middle, end, 4.4 * u, colour)  # the rod, and below it the cylinder, as wide as it is dark
+            canvas.line(start, middle, 9.5 * u, _BAR)
+            canvas.line(_along(start, end, 0.06), _along(start, end, 0.5), 3.6 * u, colour)
+        elif member.kind == "spring":
+            turns = max(_COILS, round(math.dist(start, end) / (7 * u)))
+            coil = [
+                _beside(_along(start, end, 0.06 + 0.88 * i / (turns - 1)), start, end, 4 * u * (-1) ** i)
+                for i in range(turns)
+            ]
+            canvas.line(_along(start, end, 0.05), _along(start, end, 0.95), 12 * u, _PAPER)
+            canvas.path([start, *coil, end], 2 * u, colour)
+        else:
+            canvas.line(start, end, 3.4 * u, colour)
+    for corners, colour, share in scene.faces:
+        if share < 1:
+            canvas.polygon([canvas.view.pixel(corner) for corner in corners], colour, share)
 
 
 def _draw_load(canvas: _Canvas, scene: Scene, tip: Point) -> None:
