@@ -105,6 +105,21 @@ ENTRIES = (
         "PlanarFourBarReach",
         {"load_range": (0.0, 0.2), "observe": "tip_and_inputs"},
     ),
+    Entry(
+        "tensegrity/SpatialPrismTrack-v0",
+        "spatial prism of three struts, length increments: follow a closed curve in space for two cycles",
+        "SpatialPrismTrack",
+        {},
+        400,
+    ),
+    Entry(
+        "tensegrity/SpatialPrismPayloadTrack-v0",
+        "the same, with an unknown payload of 0 to 0.5 kg from some moment of the first cycle on; orientation and "
+        "payload not observed",
+        "SpatialPrismTrack",
+        {"payload_range": (0.0, 0.5), "observe": "tip_and_inputs"},
+        400,
+    ),
 )
 _SHELLS = {
     "quasi_static": "tensegrity_envs.env:ManipulatorEnv",

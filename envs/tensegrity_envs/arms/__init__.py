@@ -2,12 +2,21 @@
 
 from tensegrity_envs.arms.dual_triangle import DualTrianglePush, DualTriangleReach
 from tensegrity_envs.arms.planar_four_bar import PlanarFourBarReach
+from tensegrity_envs.arms.spatial_prism import SpatialPrismTrack
 from tensegrity_envs.arms.two_x import TwoXReach
 from tensegrity_envs.arms.two_x_posture import TwoXPostureChange
 from tensegrity_envs.core import Core
 
 ARMS: dict[str, type[Core]] = {
-    arm.__name__: arm for arm in (TwoXReach, DualTriangleReach, DualTrianglePush, TwoXPostureChange, PlanarFourBarReach)
+    arm.__name__: arm
+    for arm in (
+        TwoXReach,
+        DualTriangleReach,
+        DualTrianglePush,
+        TwoXPostureChange,
+        PlanarFourBarReach,
+        SpatialPrismTrack,
+    )
 }
 
 __all__ = [
@@ -15,6 +24,7 @@ __all__ = [
     "DualTrianglePush",
     "DualTriangleReach",
     "PlanarFourBarReach",
+    "SpatialPrismTrack",
     "TwoXPostureChange",
     "TwoXReach",
     "core_of",

@@ -2,6 +2,7 @@
 beside it).
 """
 
+from tensegrity_envs.simulation.lengths import LengthControl
 from tensegrity_envs.simulation.protocol import FAILURES, Episode, Simulation, State
 from tensegrity_envs.simulation.quasi_static import (
     DeltaControl,
@@ -18,6 +19,7 @@ __all__ = [
     "FreeLengthControl",
     "InputControl",
     "JointControl",
+    "LengthControl",
     "Simulation",
     "State",
     "TensionControl",

@@ -82,6 +82,23 @@ class HoldWeights(Weights):
 
 
 @dataclass(frozen=True)
+class TrackWeights(Weights):
+    """Weights of the dense reward of tracking.
+
+    Attributes:
+        distance: 1 / (1 + sqrt(distance from the moving goal / tolerance)).
+        success: 1 while the tip is within tolerance of it.
+        stability: rises with the stability margin, up to 1 at 0.2.
+        wrench: rises with the wrench margin, up to 1 at 0.2.
+    """
+
+    distance: float = 0.5
+    success: float = 0.5
+    stability: float = 0.05
+    wrench: float = 0.05
+
+
+@dataclass(frozen=True)
 class PostureWeights(Weights):
     """Weights of the dense reward of changing posture.
 

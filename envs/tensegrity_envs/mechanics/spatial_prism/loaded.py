@@ -99,8 +99,7 @@ class Problem:
             left = statics.moment(pose, self.k, rho, tuple(wrench[3:]))
             slope = statics.moment_slope(pose, self.k, rho, inverse, self.locked)
         turn = np.moveaxis(_stack(spin(tuple(w))), -1, 0)
-        by_axis = np.moveaxis(_stack(slope), -1, 0)  # (n, axis, component)
-        return np.stack(left, axis=-1), np.einsum("nac,naj->ncj", by_axis, turn)
+        return np.stack(left, axis=-1), np.moveaxis(_stack(slope), -1, 0) @ turn
 
     def solve(self, w: np.ndarray, wrench: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Newton's method from w: the solutions (3, n), and where it converged and stayed near."""

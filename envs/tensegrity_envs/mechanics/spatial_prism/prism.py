@@ -34,7 +34,9 @@ from tensegrity_envs.mechanics.spatial_prism.vectors import (
     norm,
     rotate,
     scale,
+    spin,
     subtract,
+    times,
 )
 
 _ANGLES = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
@@ -225,6 +227,32 @@ class SpatialPrism:
         rows = tuple(tuple(-(slope[i][j] + slope[j][i]) / 2 for j in range(3)) for i in range(3))
         return rows[0], rows[1], rows[2]
 
+    def statics(
+        self, w: Components, lengths: Sequence[Component], force: Sequence[Component], sheet: Component = 1.0
+    ) -> tuple[Components, Matrix]:
+        """Gradient [N m] and Hessian [N m/rad] of the energy over the rotation vector, struts locked. Traceable.
+
+        The Hessian leaves out a part that is zero in equilibrium: for Newton's method. Not finite where the lengths
+        do not fit.
+        """
+        pose, k = self.locked_pose(w, lengths, sheet), self.design.k
+        rho, inverse = statics.densities(pose, k, tuple(force))
+        left = statics.moment(pose, k, rho, (0.0, 0.0, 0.0))
+        slope = statics.moment_slope(pose, k, rho, inverse, True)
+        turn = tuple(zip(*spin(w), strict=True))  # columns
+        gradient = tuple(-dot(column, left) for column in turn)
+        held = tuple(tuple(-(slope[i][j] + slope[j][i]) / 2 for j in range(3)) for i in range(3))
+        bent = [times((held[0], held[1], held[2]), column) for column in turn]
+        rows = tuple(tuple(dot(column, other) for other in bent) for column in turn)
+        return gradient, (rows[0], rows[1], rows[2])
+
+    def locked_pose(self, w: Components, lengths: Sequence[Component], sheet: Component = 1.0) -> Pose:
+        """Where struts of given lengths put a platform of given orientation. Traceable; NaN where they do not fit."""
+        arms = tuple(rotate(w, self.platform))
+        foot, normal, square = statics.trilaterate(tuple(lengths), arms, self.base)
+        height = sheet * namespace_of(square).sqrt(square)
+        return statics.pose_of(add(foot, scale(height, normal)), arms, self.base)
+
     def stability_margin(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> Component:
         """Smallest eigenvalue of the reduced Hessian divided by kappa [-]; 1 at rest, positive where stable."""
         return smallest_eigenvalue(self.stiffness_matrix(q, wrench)) / self.rotational_stiffness
@@ -243,13 +271,12 @@ class SpatialPrism:
         pose, k = self.pose(q), self.design.k
         _check_not_flat(pose)
         _, inverse = statics.densities(pose, k, tuple(wrench[:3]))
-        columns = [statics.motion(pose, inverse, axis) for axis in statics.AXES]
-        entries = [entry for column in columns for entry in column]
+        entries = [entry for row in statics.motion(pose, inverse) for entry in row]
         stiffness = [entry for row in self.stiffness_matrix(q, wrench) for entry in row]
         values = np.stack(np.broadcast_arrays(*entries, *stiffness), axis=-1).astype(float)
-        g = values[..., :9].reshape(*values.shape[:-1], 3, 3)  # (axis, component)
+        g = values[..., :9].reshape(*values.shape[:-1], 3, 3)
         held = values[..., 9:].reshape(g.shape)
-        return np.swapaxes(g, -1, -2) @ np.linalg.solve(held, g)
+        return g @ np.linalg.solve(held, np.swapaxes(g, -1, -2))
 
     # ------------------------------------------------------------------------------------------------------ loads
 

@@ -25,8 +25,6 @@ from tensegrity_envs.mechanics.spatial_prism.vectors import (
     times,
 )
 
-AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
 
 class Pose(NamedTuple):
     """Where everything is, in world axes [m].
@@ -89,41 +87,60 @@ def moment(pose: Pose, k: Component, rho: Components, torque: Components) -> Com
     return total
 
 
-def motion(pose: Pose, inverse: Matrix, axis: Components) -> Components:
-    """Velocity of the centroid [m/rad] while the platform turns about a world axis, the struts' lengths kept."""
-    rates = [-dot(pose.struts[i], cross(axis, pose.arms[(i + 1) % 3])) for i in range(3)]
-    # rows of the inverse of (h_1 h_2 h_3) are the columns of the inverse of its transpose
-    return add(*(scale(rate, row) for rate, row in zip(rates, inverse, strict=True)))
+def motion(pose: Pose, inverse: Matrix) -> Matrix:
+    """Rows of G [m/rad]: the centroid moves by G w while the platform turns by w about world axes, struts locked.
+
+    h_i . (dr + w x a_{i+1}) = 0 for every strut, so H^T G = -N^T with the columns a_{i+1} x h_i in N.
+    """
+    levers = [cross(pose.arms[(i + 1) % 3], pose.struts[i]) for i in range(3)]
+    # rows of the inverse of H = (h_1 h_2 h_3) are the columns of the inverse of its transpose
+    rows = [
+        tuple(-sum((inverse[i][a] * levers[i][j] for i in range(3)), start=0.0) for j in range(3)) for a in range(3)
+    ]
+    return rows[0], rows[1], rows[2]
 
 
 def moment_slope(pose: Pose, k: Component, rho: Components, inverse: Matrix, locked: bool) -> Matrix:
-    """Rows: derivatives of `moment` with respect to rotations about the world axes [N m/rad].
+    """Rows of the derivative of `moment` with respect to rotations about the world axes [N m/rad].
+
+    With s = sum rho_i a_{i+1} and E = sum rho_i a_{i+1} (r - b_i)^T + k sum a_i b_i^T it is E - tr E - G^T [s] where
+    the centroid keeps its position; locked struts add [s] G - (3 k - sum rho_i) G^T G.
 
     Args:
         pose: where everything is.
         k: stiffness [N/m].
         rho: force densities [N/m].
         inverse: of (h_1 h_2 h_3).
-        locked: whether the struts keep their lengths; otherwise the centroid its position.
+        locked: whether the struts keep their lengths.
     """
+    g = motion(pose, inverse)
+    ahead = [scale(rho[i], pose.arms[(i + 1) % 3]) for i in range(3)]
+    after = [scale(k, arm) for arm in pose.arms]
+    reach = [subtract(pose.position, b) for b in pose.base]
+    s = add(*ahead)
+    pull = 3 * k - (rho[0] + rho[1] + rho[2])
+    columns = [tuple(row[j] for row in g) for j in range(3)]
+    e = [
+        [
+            sum((ahead[i][a] * reach[i][b] + after[i][a] * pose.base[i][b] for i in range(3)), start=0.0)
+            for b in range(3)
+        ]
+        for a in range(3)
+    ]
+    trace = e[0][0] + e[1][1] + e[2][2]
+    # row j of -G^T [s] is s x (column j of G), and column j of [s] G the same
+    around = [cross(s, column) for column in columns]
     rows = []
-    for axis in AXES:
-        drift = motion(pose, inverse, axis) if locked else (0.0, 0.0, 0.0)
-        turned = [cross(axis, arm) for arm in pose.arms]
-        right = scale(3 * k, drift)
-        for i in range(3):
-            right = subtract(right, scale(rho[i], add(drift, turned[(i + 1) % 3])))
-        change = times(inverse, right)
-        total: Components = (0.0, 0.0, 0.0)
-        for i in range(3):
-            arm, reach = pose.arms[(i + 1) % 3], subtract(pose.position, pose.base[i])
-            total = add(
-                total,
-                cross(scale(change[i], arm), reach),
-                scale(rho[i], add(cross(turned[(i + 1) % 3], reach), cross(arm, drift))),
-                scale(k, cross(turned[i], pose.base[i])),
-            )
-        rows.append(total)
+    for a in range(3):
+        row = []
+        for b in range(3):
+            value = e[a][b] + around[a][b]
+            if a == b:
+                value = value - trace
+            if locked:
+                value = value + around[b][a] - pull * dot(columns[a], columns[b])
+            row.append(value)
+        rows.append(tuple(row))
     return rows[0], rows[1], rows[2]
 
 

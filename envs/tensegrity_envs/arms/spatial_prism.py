@@ -1,0 +1,157 @@
+"""The spatial prism as environments: following a closed curve, with or without an unknown payload."""
+
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from tensegrity_envs.arms.spatial_prism_sampling import GRAVITY, HARMONICS, Sampler
+from tensegrity_envs.core import Core, Drawn, sees_everything
+from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.mechanics.spatial_prism import JAHROMY, SpatialPrism, SpatialPrismDesign
+from tensegrity_envs.rendering import Scene
+from tensegrity_envs.rendering_spatial import project
+from tensegrity_envs.simulation.lengths import LengthControl
+from tensegrity_envs.simulation.protocol import Episode, State
+from tensegrity_envs.tasks import Track, TrackWeights
+
+AHEAD = (1, 2, 5, 10)  # steps of the look-ahead
+
+
+class SpatialPrismTrack(Core):
+    """The tracking environments of the spatial prism.
+
+    The centroid of the platform is to follow a closed curve for two cycles (a cycle of 200 steps stands for 10 s); what
+    counts is the second one. `desired_goal` is the curve's point of this very moment; the next ones are in the
+    observation.
+
+    Args:
+        design: of the prism that controllers are told about.
+        payload_range: if given, every episode attaches an unknown payload of a mass within this range [kg] at an
+            unannounced moment, from a tenth to nine tenths of the first cycle.
+        trajectory: "mixed", "random", or one of [Jahromy]'s two, "eq31" or "eq32"; see `Sampler`.
+        observe: "full", or "tip_and_inputs" (no orientation, no margins).
+        reward_type: "dense" or "sparse".
+        reward_weights: of the dense reward, by name; those left out keep their default.
+        tolerance: success within this distance all through the second cycle [m].
+        cycle: steps of a cycle.
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+        TypeError: `design` is not a design.
+    """
+
+    simulation: LengthControl
+    input_name = "lengths"
+    control = "lengths"
+
+    def __init__(
+        self,
+        design: SpatialPrismDesign = JAHROMY,
+        payload_range: tuple[float, float] | None = None,
+        trajectory: str = "mixed",
+        observe: Literal["full", "tip_and_inputs"] = "full",
+        reward_type: Literal["dense", "sparse"] = "dense",
+        reward_weights: dict[str, float] | TrackWeights | None = None,
+        tolerance: float = 0.002,
+        cycle: int = 200,
+    ) -> None:
+        if not isinstance(design, SpatialPrismDesign):
+            raise TypeError(
+                f"design = {design!r}: must be a SpatialPrismDesign, such as tensegrity_envs.mechanics.JAHROMY"
+            )
+        self.design = design
+        self.nominal = SpatialPrism(design)
+        self.observe_all = sees_everything(observe)
+        self.hidden_names = () if payload_range is None else ("load",)
+        self.simulation = LengthControl(self.nominal, payload_range is not None)
+        self.sampler = Sampler(self.nominal, self.simulation, trajectory, cycle, payload_range)
+        self.cycle = cycle
+        longest = float(self.simulation.bounds(self.nominal)[1])
+        self.task = Track(
+            input_scale=longest,
+            tolerance=tolerance,
+            cycle=cycle,
+            reward_type=reward_type,
+            weights=TrackWeights.given(reward_weights),
+        )
+        # |r|^2 = mean (l_i^2 - |b_i - a_i|^2) at any orientation: no centroid is farther than a strut can be long
+        self.reach = longest
+        self.set_spaces(3 + 3 + 3 * len(AHEAD) + (3 + 2 if self.observe_all else 0), goal_size=3)
+
+    def mechanism(self, design: SpatialPrismDesign) -> SpatialPrism:
+        """See `Core.mechanism`."""
+        return SpatialPrism(design)
+
+    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
+        """See `Core.draw`."""
+        drawn = self.sampler.draw(seed, episode)
+        load: Components = ()
+        if self.hidden_names:
+            none = 0.0 * drawn.payload
+            load = (none, none, -GRAVITY * drawn.payload)
+        onset = drawn.onset if self.hidden_names else None
+        episodes = Episode(self.design, load, (), drawn.curve.mean, (), onset, drawn.curve.motion, self.cycle)
+        position = episodes.goal_at(np.zeros(len(seed)))
+        still = np.zeros(len(seed))
+        return Drawn(episodes, (*position, still, still, still), self.nominal.inverse_kinematics(position))
+
+    def observation(self, state: State, episode: Episode) -> list[Component]:
+        """Components of the "observation" entry, each within [-1, 1].
+
+        Tip / reach (3), lengths from -1 at the struts' shortest to 1 at their longest (3); for 1, 2, 5 and 10 steps
+        ahead the goal then minus the tip now, in steps at full rate, v, as v / (1 + |v|) (3 each); and, if everything
+        is observed, the rotation vector / pi (3), stability and wrench margin m as m / (1 + |m|) (2).
+        """
+        low, high = self.simulation.bounds(self.nominal)
+        parts: list[Component] = [component / self.reach for component in state.tip]
+        parts += [(2 * length - (high + low)) / (high - low) for length in state.inputs]
+        for ahead in AHEAD:
+            for goal, here in zip(episode.goal_at(state.time + ahead), state.tip, strict=True):
+                v = (goal - here) / (ahead * self.simulation.rate)
+                parts.append(v / (1 + abs(v)))
+        if self.observe_all:
+            parts += [w / np.pi for w in state.configuration[3:]]
+            parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
+        return parts
+
+    def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
+        """The force at the centroid [N], where there may be one."""
+        return {"load": episode.load_at(state.time)} if self.hidden_names else {}
+
+    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """See `Core.episode_of`."""
+        still = np.zeros_like(goal[0])
+        load = tuple(np.asarray(info["load"], float).T) if self.hidden_names else ()
+        onset = still if self.hidden_names else None
+        motion = tuple((still,) * (2 * HARMONICS) for _ in goal)
+        return Episode(self.design, load, (), goal, (), onset, motion, self.cycle)
+
+    def scene(self, episode: Episode, state: State) -> dict[str, Any]:
+        """See `Core.scene`; positions in space, which `picture` projects."""
+        prism = self.mechanism(episode.design)
+        load = episode.load_at(state.time) or (0.0, 0.0, 0.0)
+        q, k = state.configuration, float(self.design.k)
+        forces = [*prism.actuator_forces(q, load), *prism.cable_tensions(q, load)]
+        forces += [k * length for length in prism.spring_lengths(q)]
+        names = [f"{kind} {i}" for kind in ("strut", "cable", "spring") for i in (1, 2, 3)]
+        return {
+            "nodes": {name: place for name, place in prism.nodes(q).items() if name != "P"},
+            "members": prism.members,
+            "tensions": dict(zip(names, forces, strict=True)),
+            "tension_bounds": (0.0, k * self.reach),
+            "base": (),
+            "load": load,
+            "load_scale": 5.0,
+        }
+
+    def picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
+        """What `render` draws: an orthographic projection, the curve and the platform's shadow on the ground."""
+        scene = super().picture(episode, state, trace, step)
+        curve = [episode.goal_at(t * self.cycle / 100) for t in range(101)]
+        return project(
+            replace(scene, reach=1.55 * float(self.design.D)),
+            curve,
+            faces=(("B1", "B2", "B3"), ("P1", "P2", "P3")),
+            centre=(0.0, 0.0, 0.75 * float(self.design.D)),
+        )

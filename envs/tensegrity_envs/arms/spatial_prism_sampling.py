@@ -1,0 +1,166 @@
+"""Closed curves that a spatial prism can follow within its rates, its stroke and its loads."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES, SpatialPrism
+from tensegrity_envs.seeding import EpisodeStream
+from tensegrity_envs.simulation.lengths import LengthControl
+from tensegrity_envs.simulation.protocol import Episode
+
+HARMONICS = 2
+GRAVITY = 9.81  # [m/s^2]
+_SHARE = 0.97  # of the stroke
+_SPEED = 0.8  # of the rate: at most, of the curve; without a load no strut is faster than the platform
+_HEIGHT = 2.0  # times the lowest one
+_MIN_WRENCH_MARGIN = 0.05
+_LOOKS = 25  # at the loaded prism, along the curve
+_MAX_ATTEMPTS = 300
+_PUBLISHED_SHARE = 0.25  # of the episodes, for each published trajectory
+_DRAWS = 4 + 3 + 3 * 2 * HARMONICS
+
+
+class Curve(NamedTuple):
+    """A closed curve: its mean [m], and the amplitudes of its harmonics for every axis, see `Episode.motion`."""
+
+    mean: Components
+    motion: tuple[Components, ...]
+
+    def at(self, cycle: int, time: Component) -> Components:
+        """Position after so many steps [m]."""
+        return Episode(None, (), (), self.mean, (), None, self.motion, cycle).goal_at(time)
+
+
+class Start(NamedTuple):
+    """What is drawn for n episodes: curves, payloads [kg], and the steps from which on they act."""
+
+    curve: Curve
+    payload: np.ndarray
+    onset: np.ndarray
+
+
+class Sampler:
+    """Draws curves and payloads, each a function of (seed, episode) alone.
+
+    Args:
+        prism: nominal.
+        control: its simulation.
+        trajectory: a name of `TRAJECTORIES` (from its beginning), "random", or "mixed": a quarter of the episodes each
+            of [Jahromy]'s two, begun anywhere, and half of them random.
+        cycle: steps of a cycle.
+        payload_range: [kg].
+    """
+
+    def __init__(
+        self,
+        prism: SpatialPrism,
+        control: LengthControl,
+        trajectory: str,
+        cycle: int,
+        payload_range: tuple[float, float] | None,
+    ) -> None:
+        known = ("mixed", "random", *TRAJECTORIES)
+        if trajectory not in known:
+            raise ValueError(f"trajectory = {trajectory!r}: must be one of {', '.join(map(repr, known))}")
+        if isinstance(cycle, bool) or not isinstance(cycle, int) or cycle < 2:
+            raise ValueError(f"cycle = {cycle!r}: must be an integer, at least 2 steps")
+        low, high = payload_range or (0.0, 0.0)
+        if not (0 <= low <= high and np.isfinite(high)):
+            raise ValueError(f"payload_range = {payload_range!r}: must be (low, high) with 0 <= low <= high, in kg")
+        self.prism, self.control, self.trajectory = prism, control, trajectory
+        self.cycle, self.payload_range = cycle, (low, high)
+        self.size = float(prism.design.D) / 0.5  # the published trajectories and these ranges are for D = 0.5 m
+        self.published = {name: self._harmonics(curve) for name, curve in TRAJECTORIES.items()}
+
+    def _harmonics(self, curve: Any) -> np.ndarray:
+        """Mean and amplitudes of a published trajectory, shape (3, 1 + 2 harmonics) [m]."""
+        t = np.arange(64) / 64
+        points = self.size * np.stack(curve(t))
+        waves = [np.ones(64)]
+        for k in range(1, HARMONICS + 1):
+            waves += [2 * np.cos(2 * np.pi * k * t), 2 * np.sin(2 * np.pi * k * t)]
+        return points @ np.stack(waves, axis=1) / 64
+
+    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Start:
+        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
+        n = len(seed)
+        stream = EpisodeStream(seed, episode)
+        payload = stream.uniform(*self.payload_range)
+        onset = np.floor(self.cycle * stream.uniform(0.1, 0.9))
+        table = np.zeros((3, 1 + 2 * HARMONICS, n))
+        pending = np.arange(n)
+        for _ in range(_MAX_ATTEMPTS):
+            found = self._candidates(stream.at(pending), len(pending))
+            stream.skip(_DRAWS)
+            good = self._can_be_followed(found, payload[pending])
+            table[..., pending[good]] = found[..., good]
+            pending = pending[~good]
+            if not len(pending):
+                return Start(_curve(table), payload, onset)
+        raise RuntimeError(
+            f"no curve found that {self.prism.design} can follow in {_MAX_ATTEMPTS} draws: "
+            "lower payload_range, or raise cycle"
+        )
+
+    def _candidates(self, stream: EpisodeStream, n: int) -> np.ndarray:
+        """Mean and amplitudes, shape (3, 1 + 2 harmonics, n) [m]."""
+        kind, phase = stream.uniform(), stream.uniform()
+        radius, angle = 0.15 * np.sqrt(stream.uniform()), stream.uniform(-np.pi, np.pi)
+        height = stream.uniform(0.3, 0.7)
+        spread = stream.uniform(0.3, 1.0), stream.uniform(0.0, 1.0)
+        widths = np.array([0.2, 0.2, 0.12])
+        random = np.empty((3, 1 + 2 * HARMONICS, n))
+        random[:, 0] = radius * np.cos(angle), radius * np.sin(angle), height
+        for axis, width in enumerate(widths):
+            for j in range(2 * HARMONICS):
+                first = j < 2
+                random[axis, 1 + j] = stream.uniform(-1, 1) * (width * spread[0] if first else 0.25 * width * spread[1])
+        random *= self.size
+        if self.trajectory == "random":
+            return random
+        if self.trajectory != "mixed":
+            return np.repeat(self.published[self.trajectory][..., None], n, axis=2)
+        for i, name in enumerate(TRAJECTORIES):
+            moved = self.published[name][..., None].repeat(n, axis=2)
+            for k in range(1, HARMONICS + 1):
+                c, s = np.cos(2 * np.pi * k * phase), np.sin(2 * np.pi * k * phase)
+                a, b = moved[:, 2 * k - 1].copy(), moved[:, 2 * k].copy()
+                moved[:, 2 * k - 1], moved[:, 2 * k] = a * c + b * s, b * c - a * s
+            chosen = (kind >= i * _PUBLISHED_SHARE) & (kind < (i + 1) * _PUBLISHED_SHARE)
+            random = np.where(chosen, moved, random)
+        return random
+
+    def _can_be_followed(self, table: np.ndarray, payload: np.ndarray) -> np.ndarray:
+        """Which curves are slow and high enough, and within stroke and wrench feasibility, with the payload too."""
+        curve = _curve(table[..., None, :])
+        time = np.arange(self.cycle)[:, None]
+        points = np.stack(curve.at(self.cycle, time))  # (3, steps, n)
+        steps = np.diff(np.concatenate([points, points[:, :1]], axis=1), axis=1)
+        good = (np.sqrt((steps**2).sum(axis=0)) <= _SPEED * self.control.rate).all(axis=0)
+        good &= (points[2] >= _HEIGHT * self.control.lowest(self.prism)).all(axis=0)
+        good &= self._within_stroke(self.prism.inverse_kinematics(tuple(np.where(good, points, 1.0))))
+        index = np.flatnonzero(good & (payload > 0))
+        if len(index):
+            looks = points[:, :: max(self.cycle // _LOOKS, 1)][..., index]
+            weight = np.broadcast_to(GRAVITY * payload[index], looks.shape[1:])
+            flat = tuple(looks.reshape(3, -1))
+            found = self.prism.loaded_inverse_kinematics(flat, (0.0, 0.0, -weight.ravel()))
+            margin = np.minimum.reduce([*found.forces, *found.tensions]) / float(
+                self.prism.design.k * self.prism.design.D
+            )
+            fine = (found.is_stable & (margin >= _MIN_WRENCH_MARGIN)).reshape(weight.shape).all(axis=0)
+            fine &= self._within_stroke(tuple(l.reshape(weight.shape) for l in found.lengths))
+            good[index[~fine]] = False
+        return np.asarray(good)
+
+    def _within_stroke(self, lengths: Components) -> np.ndarray:
+        low, high = self.control.bounds(self.prism)
+        rim = (1 - _SHARE) / 2 * (high - low)
+        inside = [(length >= low + rim) & (length <= high - rim) for length in lengths]
+        return np.asarray(np.logical_and.reduce(inside).all(axis=0))
+
+
+def _curve(table: np.ndarray) -> Curve:
+    return Curve(tuple(table[:, 0]), tuple(tuple(row) for row in table[:, 1:]))

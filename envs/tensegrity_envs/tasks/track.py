@@ -1,0 +1,60 @@
+"""Track: keep the tip on a goal that moves."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from tensegrity_envs.mechanics.namespace import Component
+from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
+from tensegrity_envs.tasks.base import Task
+from tensegrity_envs.tasks.weights import TrackWeights
+
+_FULL_MARGIN = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Track(Task):
+    """Success and reward of following a goal that comes round in every cycle.
+
+    What counts is the last cycle: success is having stayed within tolerance all through it. The largest error of it so
+    far is carried in the state's record; rewards depend on the present error alone, so they can be relabelled.
+
+    Attributes:
+        cycle: steps of a cycle.
+        cycles: how many there are.
+        weights: of the dense reward.
+    """
+
+    cycle: int
+    cycles: int = 2
+    weights: TrackWeights = field(default_factory=TrackWeights)
+
+    def judge(self, xp: Any, error: Component, state: State) -> State:
+        """The state with the largest error of the last cycle so far; 0 before it."""
+        before = state.record[0] if state.record else 0.0
+        counts = state.time >= self.cycle * (self.cycles - 1)
+        return state._replace(record=(xp.where(counts, xp.maximum(before, error), 0.0),))
+
+    def is_success(self, error: Component, state: State, episode: Episode) -> Component:
+        """Whether the last cycle is over, and the error was within tolerance all through it."""
+        over = state.time >= self.cycle * self.cycles
+        return over & (state.record[0] <= self.tolerance) & (state.failure == RUNNING)
+
+    def measures(self, state: State, episode: Episode) -> dict[str, Component]:
+        """The largest error of the last cycle so far [m]."""
+        return {"largest_error": state.record[0]}
+
+    def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
+        """The weighted terms of the reward by name; all zero in the step in which the episode fails."""
+        running = xp.where(state.failure == RUNNING, 1.0, 0.0)
+        success = xp.where(error <= self.tolerance, running, 0.0)
+        if self.reward_type == "sparse":
+            return {"success": success}
+        w = self.weights
+        stability = xp.minimum(xp.maximum(state.stability_margin / _FULL_MARGIN, 0.0), 1.0)
+        wrench = xp.minimum(xp.maximum(state.wrench_margin / _FULL_MARGIN, 0.0), 1.0)
+        return {
+            "distance": w.distance * running / (1.0 + xp.sqrt(error / self.tolerance)),
+            "success": w.success * success,
+            "stability": w.stability * running * stability,
+            "wrench": w.wrench * running * wrench,
+        }
