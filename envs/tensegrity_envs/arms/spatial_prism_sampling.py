@@ -4,8 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.namespace import Component, Components
-from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES, SpatialPrism
+from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES, SpatialPrism, SpatialPrismDesign
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.lengths import LengthControl
 from tensegrity_envs.simulation.protocol import Episode
@@ -15,7 +16,7 @@ GRAVITY = 9.81  # [m/s^2]
 _SHARE = 0.97  # of the stroke
 _SPEED = 0.8  # of the rate: at most, of the curve; without a load no strut is faster than the platform
 _HEIGHT = 2.0  # times the lowest one
-_MIN_WRENCH_MARGIN = 0.05
+_MIN_MARGIN = 0.05  # of stability and wrench feasibility
 _LOOKS = 25  # at the loaded prism, along the curve
 _MAX_ATTEMPTS = 300
 _PUBLISHED_SHARE = 0.25  # of the episodes, for each published trajectory
@@ -146,12 +147,11 @@ class Sampler:
             looks = points[:, :: max(self.cycle // _LOOKS, 1)][..., index]
             weight = np.broadcast_to(GRAVITY * payload[index], looks.shape[1:])
             flat = tuple(looks.reshape(3, -1))
-            found = self.prism.loaded_inverse_kinematics(flat, (0.0, 0.0, -weight.ravel()))
-            margin = np.minimum.reduce([*found.forces, *found.tensions]) / float(
-                self.prism.design.k * self.prism.design.D
-            )
-            fine = (found.is_stable & (margin >= _MIN_WRENCH_MARGIN)).reshape(weight.shape).all(axis=0)
-            fine &= self._within_stroke(tuple(l.reshape(weight.shape) for l in found.lengths))
+            lengths, stability, wrench, left = evaluate(_held, self.prism.design, flat, weight.ravel())
+            fine = (stability >= _MIN_MARGIN) & (wrench >= _MIN_MARGIN)
+            fine &= left <= 1e-6 * self.prism.rotational_stiffness
+            fine = fine.reshape(weight.shape).all(axis=0)
+            fine &= self._within_stroke(tuple(l.reshape(weight.shape) for l in lengths))
             good[index[~fine]] = False
         return np.asarray(good)
 
@@ -160,6 +160,16 @@ class Sampler:
         rim = (1 - _SHARE) / 2 * (high - low)
         inside = [(length >= low + rim) & (length <= high - rim) for length in lengths]
         return np.asarray(np.logical_and.reduce(inside).all(axis=0))
+
+
+def _held(
+    design: SpatialPrismDesign, position: Components, weight: Component
+) -> tuple[Components, Component, Component, Component]:
+    """Lengths that hold a weight at a position [m], stability and wrench margin there, and the moment left [N m]."""
+    prism = SpatialPrism(design)
+    force = (0.0, 0.0, -weight)
+    q, lengths, left = prism.held(position, force)
+    return lengths, prism.stability_margin(q, force), prism.wrench_margin(q, force), left
 
 
 def _curve(table: np.ndarray) -> Curve:

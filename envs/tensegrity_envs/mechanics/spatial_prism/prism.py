@@ -31,6 +31,7 @@ from tensegrity_envs.mechanics.spatial_prism.vectors import (
     add,
     cross,
     dot,
+    inverse_of_columns,
     norm,
     rotate,
     scale,
@@ -306,6 +307,31 @@ class SpatialPrism:
         """
         self.inverse_kinematics(tuple(np.asarray(component, float) for component in position))
         return self._followed(position, wrench, False, 1)
+
+    def held(
+        self, position: Sequence[Component], force: Sequence[Component], iterations: int = 4
+    ) -> tuple[Components, Components, Component]:
+        """`loaded_inverse_kinematics` for small forces, by so many Newton steps from rest. Traceable.
+
+        Returns:
+            Configuration, lengths of the struts [m], and the moment that is left [N m]: look at it.
+        """
+        k, place = self.design.k, tuple(position)
+        w: Components = (0.0, 0.0, 0.0)
+
+        def moment(w: Components) -> tuple[Pose, Components, Matrix, Components]:
+            pose = statics.pose_of(place, tuple(rotate(w, self.platform)), self.base)
+            rho, inverse = statics.densities(pose, k, tuple(force))
+            return pose, rho, inverse, statics.moment(pose, k, rho, (0.0, 0.0, 0.0))
+
+        for _ in range(iterations):
+            pose, rho, inverse, left = moment(w)
+            slope = statics.moment_slope(pose, k, rho, inverse, False)
+            columns = [times(slope, column) for column in zip(*spin(w), strict=True)]
+            step, _ = inverse_of_columns(columns[0], columns[1], columns[2])
+            w = subtract(w, times(step, left))
+        pose, _, _, left = moment(w)
+        return (*place, *w), tuple(norm(strut) for strut in pose.struts), norm(left)
 
     def unloading_limit(
         self, lengths: Sequence[Any], direction: Sequence[Any], largest: float = 400.0, sheet: Any = 1
