@@ -34,12 +34,16 @@ _SINGLE_GOALS = {
     "tensegrity/TwoXTensionReach-v0": 1.0,
     **{f"tensegrity/DualTriangle{task}-v0": 0.7 for task in ("Reach", "LoadedReach", "Push")},
     "tensegrity/PlanarFourBarReach-v0": 1.0,
+    "tensegrity/SpatialPrismTrack-v0": 1.0,
+    "tensegrity/SpatialPrismPayloadTrack-v0": 0.3,
 }
 _VECTOR_GOALS = {
     "tensegrity/TwoXReach-v0": 80.0,
     "tensegrity/TwoXTensionReach-v0": 30.0,
     **{f"tensegrity/DualTriangle{task}-v0": 30.0 for task in ("Reach", "LoadedReach", "Push")},
     "tensegrity/PlanarFourBarReach-v0": 40.0,
+    "tensegrity/SpatialPrismTrack-v0": 40.0,
+    "tensegrity/SpatialPrismPayloadTrack-v0": 15.0,
 }
 
 

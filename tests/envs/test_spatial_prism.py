@@ -173,7 +173,7 @@ def test_options_are_checked_and_other_designs_work():
     ):
         with pytest.raises(ValueError, match=message):
             gym.make(TRACK, **options)
-    env = gym.make(PAYLOAD, design=SpatialPrismDesign(0.37, 0.93, 310.0))
+    env = gym.make(TRACK, design=SpatialPrismDesign(0.37, 0.93, 310.0))
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)
     assert env.unwrapped.core.simulation.rate == pytest.approx(0.03 * 0.93)

@@ -9,7 +9,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from tensegrity_agents.controllers import dual_triangle, planar_four_bar, two_x, two_x_posture
+from tensegrity_agents.controllers import dual_triangle, planar_four_bar, spatial_prism, two_x, two_x_posture
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.random import RandomController
 from tensegrity_envs.core import Core
@@ -48,6 +48,12 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
         "pseudo_inverse": planar_four_bar.PseudoInverse,
         "observer": planar_four_bar.Observer,
         "oracle": planar_four_bar.Oracle,
+    },
+    "SpatialPrismTrack": {
+        "closed_form_ik": spatial_prism.ClosedFormIK,
+        "pseudo_inverse": spatial_prism.PseudoInverse,
+        "observer": spatial_prism.Observer,
+        "oracle": spatial_prism.Oracle,
     },
 }
 

@@ -118,7 +118,9 @@ def _regions(axes: Axes, found: Image, l: float) -> None:
 
 def _circle(axes: Axes, x: float, y: float, radius: float, label: str, colour: str, dashes: Any) -> None:
     t = np.linspace(0, 2 * math.pi, 400)
-    axes.plot(x + radius * np.cos(t), y + radius * np.sin(t), color=colour, linestyle=dashes, linewidth=1.1, label=label)
+    axes.plot(
+        x + radius * np.cos(t), y + radius * np.sin(t), color=colour, linestyle=dashes, linewidth=1.1, label=label
+    )
 
 
 @_styled

@@ -14,7 +14,7 @@ from tensegrity_agents.reporting import figures, table, video
 from tensegrity_agents.reporting.report import collect_metadata, write_report
 from tensegrity_envs.mechanics import TwoXDesign
 from tensegrity_envs.seeding import TEST_SEED
-from tensegrity_envs.tasks import Hold
+from tensegrity_envs.tasks import Hold, Track
 
 _PATHS = 12  # episodes whose joint paths are drawn
 _WORKSPACE_EPISODES = 300
@@ -58,20 +58,31 @@ def write_comparison(
     else:
         keep("error", figures.error_distribution(runs, core.task.tolerance))
         keep("steps", figures.success_over_steps(runs))
-    paths = {name: _paths(controller, experiment, _PATHS) for name, controller in shown.items()}
-    if isinstance(core.design, TwoXDesign):
+    tracks = isinstance(core.task, Track)
+    if tracks:
+        errors = {name: _tracking_errors(controller, experiment) for name, controller in shown.items()}
+        keep("tracking", figures.tracking_errors(errors, core.task.tolerance, core.task.cycle, look))
+    paths = {} if tracks else {name: _paths(controller, experiment, _PATHS) for name, controller in shown.items()}
+    if tracks:
+        pass  # paths in space: the film shows them
+    elif isinstance(core.design, TwoXDesign):
         shade = figures.swfw(core.design)
         keep("joint_space", figures.joint_space(core.design, {name: path[0] for name, path in paths.items()}, look))
     else:
         shade = figures.reachable(_tips(core))
         tips = {name: list(ends.paths or ()) for name, (_, ends) in paths.items()}
         keep("tip_paths", figures.tip_paths(shade, tips, next(iter(paths.values()))[1].target, look))
-    endings = _paths(comparison.controllers[agent], experiment, _WORKSPACE_EPISODES)[1]
-    keep("workspace", figures.workspace(shade, endings, agent))
+    if not tracks:
+        endings = _paths(comparison.controllers[agent], experiment, _WORKSPACE_EPISODES)[1]
+        keep("workspace", figures.workspace(shade, endings, agent))
     first = next(iter(comparison.curves.values()))
     keep("learning_curve", figures.learning_curve(first))
     film = video.record(
-        experiment.env, comparison.controllers, TEST_SEED + experiment.video_episode, folder / "side_by_side.gif"
+        experiment.env,
+        comparison.controllers,
+        TEST_SEED + experiment.video_episode,
+        folder / "side_by_side.gif",
+        max_steps=core.task.cycle if tracks else 100,
     )
     drawn("video")
     descriptions = [policy.description for policy in comparison.agents.values()]
@@ -97,6 +108,25 @@ def write_comparison(
     )
     drawn("report")
     return report, rows
+
+
+def _tracking_errors(controller: Any, experiment: Experiment, count: int = 300) -> np.ndarray:
+    """Distance from the moving goal [m] after every step of the first test episodes, (steps, n); NaN once failed."""
+    envs = gym.make_vec(experiment.env, count, vectorization_mode="vector_entry_point")
+    observation, _ = envs.reset(seed=TEST_SEED)
+    base: Any = envs.unwrapped
+    if (begin := getattr(controller, "begin_episodes", None)) is not None:
+        begin(np.ones(count, bool), base.design, base.episode if getattr(controller, "wants_privileged", 0) else None)
+    errors: list[np.ndarray] = []
+    state, begun, alive = None, np.ones(count, bool), np.ones(count, bool)
+    while alive.any():
+        actions, state = controller.predict(observation, state=state, episode_start=begun, deterministic=True)
+        observation, _, terminated, truncated, info = envs.step(actions)
+        begun = terminated | truncated
+        alive = alive & ~terminated
+        errors.append(np.where(alive, info.get("final_info", info)["tip_error"], np.nan))
+        alive = alive & ~truncated
+    return np.stack(errors)
 
 
 def _tips(core: Any, count: int = 40_000) -> np.ndarray:

@@ -400,6 +400,38 @@ def tip_paths(
 
 
 @_styled
+def tracking_errors(errors: Mapping[str, np.ndarray], tolerance: float, cycle: int, look: Mapping[str, Look]) -> Figure:
+    """Distance from a moving goal over the steps: median of the episodes, and up to their 95th percentile.
+
+    Args:
+        errors: by controller, shape (steps, episodes) [m]; NaN where an episode has failed.
+        tolerance: within which success is [m].
+        cycle: steps of a cycle; where the next one begins is marked.
+        look: of the controllers, see `looks`.
+    """
+    figure = _figure(7.2, 3.5)
+    axes = figure.subplots()
+    for name, table in errors.items():
+        alive = np.where(np.isnan(table), np.inf, table)  # failed: no error is larger
+        middle, most = (1000 * np.quantile(alive, q, axis=1, method="nearest") for q in (0.5, 0.95))
+        steps = np.arange(1, len(table) + 1)
+        axes.plot(steps, np.maximum(middle, _FLOOR), label=_short(name), **look[name].line)
+        axes.fill_between(
+            steps,
+            np.maximum(middle, _FLOOR),
+            np.maximum(most, _FLOOR),
+            color=look[name].colour,
+            alpha=0.15,
+            linewidth=0,
+        )
+    axes.axhline(1000 * tolerance, color=_INK, linewidth=1.0)
+    axes.axvline(cycle, color=_FAINT, linewidth=1.0, linestyle=(0, (4, 3)))
+    axes.set(yscale="log", xlabel="steps", ylabel="distance from the moving goal [mm]")
+    _legend(axes)
+    return figure
+
+
+@_styled
 def scores(runs: list[Run], success: float = 1.0) -> Figure:
     """Share of episodes in which at least a score was reached; where success begins is marked."""
     figure = _figure(7.2, 3.5)

@@ -49,9 +49,7 @@ def _trip(
         q, fraction = follow(leg, q, _RESOLUTION)
         covered = covered + fraction
         xp = namespace_of(covered)
-        margin = xp.minimum(
-            mechanism.stability_margin(q, new, load), wrench_margin(mechanism, q, new, load)
-        )
+        margin = xp.minimum(mechanism.stability_margin(q, new, load), wrench_margin(mechanism, q, new, load))
         least = margin if least is None else xp.minimum(least, margin)
     return mechanism.tip(q, points[-1]), covered, least
 
