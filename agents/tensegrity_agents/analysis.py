@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 
 from tensegrity_agents.reporting import analysis_dual_triangle as dual
 from tensegrity_agents.reporting import analysis_planar_four_bar as four_bar
+from tensegrity_agents.reporting import analysis_spatial_prism as spatial
 from tensegrity_agents.reporting import analysis_two_x as draw
 from tensegrity_agents.reporting.analysis_page import write_page
 from tensegrity_agents.reporting.figures import save
@@ -34,6 +35,7 @@ from tensegrity_envs.mechanics.dual_triangle import (
 from tensegrity_envs.mechanics.overlay import closed, feature_collection
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.workspace import MODES, actuator_workspace, output_workspace
+from tensegrity_envs.mechanics.spatial_prism import JAHROMY, TRAJECTORIES, SpatialPrism, SpatialPrismDesign
 from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022, TwoX, TwoXDesign
 
 Progress = Callable[[str, int, int, str], None]
@@ -371,6 +373,32 @@ def _analyze_planar_four_bar(
     return table
 
 
+def _analyze_spatial_prism(
+    designs: Mapping[str, SpatialPrismDesign], out: Path, progress: Progress
+) -> dict[str, Numbers]:
+    numbers: dict[str, Numbers] = {}
+    for name, design in designs.items():
+        prism, folder = SpatialPrism(design), out / name
+        folder.mkdir(parents=True, exist_ok=True)
+        drawings: dict[str, Callable[[], Figure]] = {
+            f"jahromy_fig{number}_forces_{trajectory}": partial(spatial.forces_along, prism, trajectory)
+            for number, trajectory in enumerate(TRAJECTORIES, 4)
+        }
+        drawings |= {
+            "compliance": partial(spatial.compliance_maps, prism),
+            "unloading_limits": partial(spatial.unloading_maps, prism),
+            "unloading_directions": partial(spatial.polar_limits, prism),
+            "pictures": partial(spatial.pictures, prism),
+        }
+        step = _Steps(name, len(drawings), progress)
+        for stem, drawing in drawings.items():
+            step(stem)
+            save(drawing(), folder / stem)
+        step.finish()
+        numbers[name] = spatial.numbers(prism)
+    return numbers
+
+
 ANALYSES: dict[str, Analysis] = {
     "two-x": Analysis(
         "stable wrench-feasible set; without offsets also regions by inverse solutions, cusps, posture changes",
@@ -389,5 +417,11 @@ ANALYSES: dict[str, Analysis] = {
         {"ji2014": lambda: JI2014},
         ("ji2014",),
         _analyze_planar_four_bar,
+    ),
+    "spatial-prism": Analysis(
+        "forces along the published trajectories, compliance, loads at which struts or cables go slack",
+        {"jahromy": lambda: JAHROMY},
+        ("jahromy",),
+        _analyze_spatial_prism,
     ),
 }

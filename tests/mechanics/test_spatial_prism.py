@@ -288,6 +288,8 @@ def test_unloading_limits():
     assert buckling.event == 3
     angle = np.arange(12) * np.pi / 6
     side = PRISM.unloading_limit(lengths, (np.cos(angle), np.sin(angle), 0 * angle), 200.0)
+    other = PRISM.unloading_limit(lengths, (np.cos(angle), np.sin(angle), 0 * angle), 3000.0)
+    np.testing.assert_allclose(other.force, side.force, rtol=1e-8)
     assert side.force.min() == pytest.approx(89, abs=0.5)
     assert side.force.max() == pytest.approx(117, abs=0.5)
     for i in range(0, 12, 5):

@@ -38,7 +38,7 @@ def write_comparison(
     look = figures.looks({run.controller: run.kind for run in runs})
     shown = {name: c for name, c in comparison.controllers.items() if name != "random"}
     agent = next(iter(comparison.controllers))
-    steps = 7 if isinstance(core.task, Hold) else 8
+    steps = 7 if isinstance(core.task, Hold | Track) else 8
     done = 0
 
     def drawn(what: str) -> None:

@@ -40,8 +40,8 @@ CAPTIONS = {
     "the better; a curve that levels off below 100% never reaches the rest.",
     "scores": "Share of the episodes in which at least that force was held, in multiples of the straight arm's "
     "critical load. Success begins at the vertical line.",
-    "tracking": "Distance from the moving goal: median of 300 test episodes, shaded up to the 95th percentile. The line is "
-    "the tolerance; what counts is the cycle right of the dashed one.",
+    "tracking": "Distance from the moving goal: median of 300 test episodes, shaded up to the 95th percentile. The "
+    "line is the tolerance; what counts is the cycle right of the dashed one.",
     "tip_paths": "The tip's paths in the first test episodes, from the open circles. Blue: where the tip can be "
     "without load.",
     "joint_space": "Joint space of the manipulator. Blue: stable and wrench-feasible, the darker, the larger the "

@@ -150,7 +150,7 @@ class SpatialPrismTrack(Core):
         scene = super().picture(episode, state, trace, step)
         curve = [episode.goal_at(t * self.cycle / 100) for t in range(101)]
         return project(
-            replace(scene, reach=1.55 * float(self.design.D)),
+            replace(scene, reach=1.4 * float(self.design.D)),
             curve,
             faces=(("B1", "B2", "B3"), ("P1", "P2", "P3")),
             centre=(0.0, 0.0, 0.75 * float(self.design.D)),

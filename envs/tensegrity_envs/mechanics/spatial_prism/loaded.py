@@ -18,6 +18,7 @@ _FIRST_STEP = 0.25  # of the wrench
 _SHORTEST_STEP = 2.0**-16
 _ITERATIONS = 12
 _LONGEST_TURN = 0.1  # [rad] of a step along the path, and of a Newton step; more is too far
+_FORCE_STEP, _FORCE_RESOLUTION = 1 / 40, 2.0**-42  # of the largest force that is tried
 _CONVERGED = 1e-13  # [rad]
 
 
@@ -188,25 +189,26 @@ class Problem:
             fraction,
         )
 
-    def unloading(self, direction: np.ndarray, largest: float, steps: int = 100) -> UnloadingLimit:
-        """The first event while the force grows along `direction` (3, n) to `largest` [N]; by bisection."""
+    def unloading(self, direction: np.ndarray, largest: float) -> UnloadingLimit:
+        """The first event while the force grows along `direction` (3, n) to `largest` [N].
+
+        Steps are halved at an event, and where the platform turns too far in one, until they are of no size.
+        """
         n = direction.shape[1]
-        w, low, event = np.zeros((3, n)), np.zeros(n), np.zeros(n, int)
-        high = np.full(n, float(largest))
-        for share in np.arange(1, steps + 1) / steps:
-            index = np.flatnonzero(event == 0)
-            new, kind = self._at(index, w[:, index], direction[:, index], share * largest)
-            event[index], passed = kind, kind == 0
-            w[:, index[passed]], low[index[passed]] = new[:, passed], share * largest
-            high[index[~passed]] = share * largest
-        index = np.flatnonzero(event > 0)
-        for _ in range(60 if len(index) else 0):
-            middle = (low[index] + high[index]) / 2
-            new, kind = self._at(index, w[:, index], direction[:, index], middle)
+        w, force, event = np.zeros((3, n)), np.zeros(n), np.zeros(n, int)
+        step, passed_before = np.full(n, _FORCE_STEP * largest), np.ones(n, bool)
+        index = np.arange(n)
+        while len(index):
+            trial = np.minimum(force[index] + step[index], largest)
+            new, kind = self._at(index, w[:, index], direction[:, index], trial)
             passed = kind == 0
-            w[:, index[passed]], low[index[passed]] = new[:, passed], middle[passed]
-            high[index[~passed]], event[index[~passed]] = middle[~passed], kind[~passed]
-        return UnloadingLimit(np.where(event > 0, high, float(largest)), event)
+            w[:, index[passed]], force[index[passed]] = new[:, passed], trial[passed]
+            event[index] = np.where(passed, 0, kind)
+            grown = np.where(passed_before[index], 2.0, 1.0)
+            step[index] = np.minimum(step[index] * np.where(passed, grown, 0.5), _FORCE_STEP * largest)
+            passed_before[index] = passed
+            index = index[(force[index] < largest) & (step[index] > _FORCE_RESOLUTION * largest)]
+        return UnloadingLimit(force, np.where(force < largest, event, 0))
 
     def _at(
         self, index: np.ndarray, w: np.ndarray, direction: np.ndarray, force: np.ndarray | float

@@ -1,0 +1,231 @@
+"""Figures of the spatial prism: [Jahromy]'s figures 4 and 5, and what the paper leaves out: loads.
+
+Every function takes a mechanism and returns a `matplotlib.figure.Figure`; see `reporting.figures` for the style.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+
+from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _styled
+from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES, SpatialPrism
+from tensegrity_envs.rendering_spatial import depth, flatten
+
+_COLOURS = ("#0072b2", "#d55e00", "#009e73")
+_STILL = (0.0, 0.0, 0.0)
+_HEIGHTS = (0.5, 0.8, 1.1, 1.4)  # of the maps, in base radii
+_EVENTS = {1: "a strut stops pushing", 2: "a cable goes slack", 3: "the equilibrium ends"}
+
+
+def _published(prism: SpatialPrism, name: str, t: np.ndarray) -> tuple[Any, ...]:
+    """A trajectory of the paper, in the size of this design [m]."""
+    size = float(prism.design.D) / 0.5
+    return tuple(size * np.asarray(component) for component in TRAJECTORIES[name](t))
+
+
+@_styled
+def forces_along(prism: SpatialPrism, name: str) -> Figure:
+    """Thrusts of the struts and tensions of the cables along a trajectory [Jahromy, figures 4 and 5]."""
+    t = np.linspace(0.0, 1.0, 801)
+    r = _published(prism, name, t)
+    q = (*r, *(np.zeros_like(t) for _ in range(3)))
+    figure = _figure(7.2, 3.4)
+    axes = figure.subplots()
+    for i, (force, colour) in enumerate(zip(prism.actuator_forces(q), _COLOURS, strict=True), 1):
+        label = f"strut {i}: {force.min():.2f} to {force.max():.2f} N"
+        axes.plot(t, force, color=colour, linewidth=1.8, label=label)
+    tension = prism.cable_tensions(q)[0]
+    axes.plot(t, np.broadcast_to(tension, t.shape), color=_FAINT, linestyle=(0, (4, 2)), label="every cable's tension")
+    axes.set(xlabel="time [cycles]", ylabel="force [N]", xlim=(0, 1), ylim=(0, None))
+    axes.legend(ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    return figure
+
+
+def _disc(prism: SpatialPrism, height: float, cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A grid over a disc at a height (in base radii): x and y [m] of the grid, and whether inside."""
+    D = float(prism.design.D)
+    axis = np.linspace(-1.2 * D, 1.2 * D, cells)
+    x, y = np.meshgrid(axis, axis)
+    return x, y, np.hypot(x, y) <= 1.2 * D
+
+
+def _base(axes: Axes, prism: SpatialPrism) -> None:
+    D = float(prism.design.D)
+    axes.add_patch(Polygon([node[:2] for node in prism.base], closed=True, fill=False, edgecolor=_INK, linewidth=0.8))
+    axes.set(aspect="equal", xlim=(-1.25 * D, 1.25 * D), ylim=(-1.25 * D, 1.25 * D), xlabel="x [m]")
+
+
+@_styled
+def compliance_maps(prism: SpatialPrism) -> Figure:
+    """How far the unloaded platform gives way to a force, sideways and along z, struts locked."""
+    D = float(prism.design.D)
+    figure = _figure(8.4, 4.6)
+    panels = figure.subplots(2, len(_HEIGHTS), sharex=True, sharey=True)
+    tables = []
+    for height in _HEIGHTS:
+        x, y, inside = _disc(prism, height, 81)
+        still = np.zeros(int(inside.sum()))
+        c = prism.compliance((x[inside], y[inside], still + height * D, still, still, still))
+        sideways, upwards = np.full(x.shape, np.nan), np.full(x.shape, np.nan)
+        sideways[inside] = 1000 * np.linalg.eigvalsh(c[:, :2, :2])[:, 1]
+        upwards[inside] = 1000 * c[:, 2, 2]
+        tables.append((x, y, sideways, upwards))
+    for row, (which, label) in enumerate(((2, "sideways, worst direction"), (3, "along z"))):
+        top = max(float(np.nanpercentile(table[which], 98)) for table in tables)
+        for axes, table, height in zip(panels[row], tables, _HEIGHTS, strict=True):
+            image = axes.pcolormesh(*table[:2], table[which], cmap="viridis", vmin=0, vmax=top, rasterized=True)
+            _base(axes, prism)
+            if not row:
+                axes.set(title=f"z = {height * D:g} m", xlabel="")
+        panels[row][0].set_ylabel(f"{label}\ny [m]")
+        figure.colorbar(image, ax=list(panels[row]), shrink=0.85, extend="max", label="compliance [mm/N]")
+    return figure
+
+
+@_styled
+def unloading_maps(prism: SpatialPrism) -> Figure:
+    """The smallest force, over the directions sideways, up and down, at which something goes slack or is lost."""
+    D, k = float(prism.design.D), float(prism.design.k)
+    figure = _figure(8.4, 4.6)
+    panels = figure.subplots(2, len(_HEIGHTS), sharex=True, sharey=True)
+    angles = np.arange(12) * math.pi / 6
+    sideways = np.stack([np.cos(angles), np.sin(angles), 0 * angles])
+    downwards = np.array([[0.0], [0.0], [-1.0]])
+    largest = 8 * k * D
+    for row, (ways, label) in enumerate(((sideways, "sideways, weakest direction"), (downwards, "downwards"))):
+        tables = []
+        for height in _HEIGHTS:
+            x, y, inside = _disc(prism, height, 31)
+            r = np.stack([x[inside], y[inside], np.full(int(inside.sum()), height * D)])
+            n = r.shape[1]
+            lengths = [np.tile(length, ways.shape[1]) for length in prism.inverse_kinematics(tuple(r))]
+            found = prism.unloading_limit(lengths, tuple(np.repeat(ways, n, axis=1)), largest)
+            table = np.full(x.shape, np.nan)
+            table[inside] = found.force.reshape(-1, n).min(axis=0)
+            tables.append(table)
+        low, high = (float(choose(tables)) for choose in (np.nanmin, np.nanmax))
+        for axes, table, height in zip(panels[row], tables, _HEIGHTS, strict=True):
+            image = axes.pcolormesh(x, y, table, cmap="cividis", vmin=low, vmax=high, rasterized=True)
+            _base(axes, prism)
+            if not row:
+                axes.set(title=f"z = {height * D:g} m", xlabel="")
+        panels[row][0].set_ylabel(f"{label}\ny [m]")
+        beyond = "max" if high >= largest else "neither"
+        figure.colorbar(image, ax=list(panels[row]), shrink=0.85, extend=beyond, label="force [N]")
+    return figure
+
+
+@_styled
+def polar_limits(prism: SpatialPrism) -> Figure:
+    """The force at which something goes slack over its direction, sideways, for positions on the axis."""
+    D, k = float(prism.design.D), float(prism.design.k)
+    angles = np.linspace(-math.pi, math.pi, 181)
+    figure = _figure(7.2, 3.4)
+    axes = figure.subplots()
+    colours = {1: _COLOURS[1], 2: _COLOURS[0], 3: _INK}
+    styles: dict[float, Any] = {0.5: "solid", 0.8: (0, (5, 2)), 1.1: (0, (1.5, 1.5))}  # by height, in base radii
+    for height, style in styles.items():
+        lengths = prism.inverse_kinematics((0.0, 0.0, height * D))
+        found = prism.unloading_limit(lengths, (np.cos(angles), np.sin(angles), 0 * angles), 8 * k * D)
+        for event, colour in colours.items():
+            force = np.where(found.event == event, found.force, np.nan)
+            axes.plot(np.degrees(angles), force, color=colour, linestyle=style, linewidth=1.8)
+    handles = [Line2D([], [], color=colours[event], label=text) for event, text in _EVENTS.items()]
+    for height, style in styles.items():
+        handles.append(Line2D([], [], color=_FAINT, linestyle=style, label=f"z = {height * D:g} m"))
+    axes.set(xlabel="direction of the sideways force [degrees from x]", ylabel="force [N]", xlim=(-180, 180))
+    axes.set(ylim=(0, None), xticks=range(-180, 181, 60))
+    axes.legend(handles=handles, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    return figure
+
+
+@_styled
+def pictures(prism: SpatialPrism) -> Figure:
+    """The prism in space: at rest at two positions, and under two loads with the struts locked."""
+    D, k = float(prism.design.D), float(prism.design.k)
+    low, high = (0.0, 0.0, 0.8 * D), (0.3 * D, 0.2 * D, 1.4 * D)
+    cases: list[tuple[str, tuple[float, float, float], tuple[float, float, float]]] = [
+        ("at rest", low, _STILL),
+        ("at rest", high, _STILL),
+        (f"{k * D:g} N down", low, (0.0, 0.0, -k * D)),
+        (f"{k * D:g} N along x", low, (k * D, 0.0, 0.0)),
+    ]
+    figure = _figure(8.4, 3.0)
+    for axes, (title, r, force) in zip(figure.subplots(1, 4, sharex=True, sharey=True), cases, strict=True):
+        found = prism.loaded_equilibrium(prism.inverse_kinematics(r), force)
+        if force != _STILL:
+            _draw_prism(axes, prism, (*r, *_STILL), ghost=True)
+        _draw_prism(axes, prism, found.configuration)
+        turn = math.degrees(math.sqrt(sum(float(w) ** 2 for w in found.configuration[3:])))
+        axes.set(aspect="equal", title=f"{title}, turned {turn:.1f}°" if force != _STILL else title)
+        axes.set_axis_off()
+    return figure
+
+
+def _draw_prism(axes: Axes, prism: SpatialPrism, q: Any, ghost: bool = False) -> None:
+    """In orthographic projection, members behind first."""
+    nodes = prism.nodes(q)
+    at = {name: flatten(place) for name, place in nodes.items()}
+    styles: dict[str, dict[str, Any]] = {
+        "actuator": {"color": _INK, "linewidth": 3.2},
+        "spring": {"color": _COLOURS[2], "linewidth": 1.3},
+        "cable": {"color": _COLOURS[1], "linewidth": 1.8},
+    }
+    for name, colour in (("B", "#e4e9ef"), ("P", "#b9cde3")):
+        corners = [at[f"{name}{i}"] for i in (1, 2, 3)]
+        if name == "P" or not ghost:
+            axes.add_patch(Polygon(corners, closed=True, facecolor="none" if ghost else colour, alpha=0.7, zorder=1))
+    for order, member in enumerate(
+        sorted(prism.members, key=lambda member: sum(depth(nodes[name]) for name in member.nodes))
+    ):
+        x, y = zip(*(at[name] for name in member.nodes), strict=True)
+        style = styles[member.kind]
+        if ghost:
+            if member.kind == "cable":
+                axes.plot(x, y, color=_FAINT, linewidth=0.9, linestyle=(0, (3, 2)), zorder=1)
+            continue
+        if member.kind == "spring":
+            t = np.linspace(0, 1, 200)
+            length = math.dist(*(at[name] for name in member.nodes))
+            side = 0.012 * np.sin(2 * math.pi * 14 * t) * ((t > 0.06) & (t < 0.94)) / max(length, 1e-9)
+            wave = x[0] + t * (x[1] - x[0]) - side * (y[1] - y[0]), y[0] + t * (y[1] - y[0]) + side * (x[1] - x[0])
+            axes.plot(*wave, **style, zorder=2 + order)
+            continue
+        axes.plot(x, y, color="white", linewidth=style["linewidth"] + 2.2, zorder=2 + order, solid_capstyle="butt")
+        axes.plot(x, y, **style, zorder=2 + order)
+    if not ghost:
+        axes.plot(
+            *zip(*(at[name] for name in at if name != "P"), strict=True), "o", color=_INK, markersize=2.6, zorder=20
+        )
+
+
+def numbers(prism: SpatialPrism) -> dict[str, Any]:
+    """What the table tells."""
+    D, k = float(prism.design.D), float(prism.design.k)
+    table: dict[str, Any] = {
+        "c0: least mean square of the struts' lengths [m2]": float(prism.least_square),
+        "kappa: rotational stiffness at rest [N m/rad]": float(prism.rotational_stiffness),
+        "tension of every cable at rest [N]": k * D,
+    }
+    t = np.linspace(0.0, 1.0, 20_001)
+    for name in TRAJECTORIES:
+        q = (*_published(prism, name, t), *(np.zeros_like(t) for _ in range(3)))
+        for i, force in enumerate(prism.actuator_forces(q), 1):
+            table[f"{name}: smallest thrust of strut {i} [N]"] = float(force.min())
+            table[f"{name}: largest thrust of strut {i} [N]"] = float(force.max())
+        table[f"{name}: smallest distance between struts [m]"] = float(prism.strut_clearance(q).min())
+    centre = (0.0, 0.0, 0.8 * D)
+    lengths = prism.inverse_kinematics(centre)
+    angles = np.linspace(-math.pi, math.pi, 721)
+    side = prism.unloading_limit(lengths, (np.cos(angles), np.sin(angles), 0 * angles), 8 * k * D)
+    table[f"unloading force sideways at (0, 0, {0.8 * D:g}) m, smallest [N]"] = float(side.force.min())
+    table[f"unloading force sideways at (0, 0, {0.8 * D:g}) m, largest [N]"] = float(side.force.max())
+    table[f"unloading force upwards at (0, 0, {0.8 * D:g}) m [N]"] = float(
+        prism.unloading_limit(lengths, (0.0, 0.0, 1.0), 8 * k * D).force
+    )
+    return table
