@@ -91,7 +91,9 @@ class SpatialPrismTrack(Core):
             none = 0.0 * drawn.payload
             load = (none, none, -GRAVITY * drawn.payload)
         onset = drawn.onset if self.hidden_names else None
-        episodes = Episode(self.design, load, (), drawn.curve.mean, (), onset, drawn.curve.motion, self.cycle)
+        episodes = Episode(
+            self.design, load, (), drawn.curve.mean, onset=onset, motion=drawn.curve.motion, cycle=self.cycle
+        )
         position = episodes.goal_at(np.zeros(len(seed)))
         still = np.zeros(len(seed))
         return Drawn(episodes, (*position, still, still, still), self.nominal.inverse_kinematics(position))
@@ -125,7 +127,7 @@ class SpatialPrismTrack(Core):
         load = tuple(np.asarray(info["load"], float).T) if self.hidden_names else ()
         onset = still if self.hidden_names else None
         motion = tuple((still,) * (2 * HARMONICS) for _ in goal)
-        return Episode(self.design, load, (), goal, (), onset, motion, self.cycle)
+        return Episode(self.design, load, (), goal, onset=onset, motion=motion, cycle=self.cycle)
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`; positions in space, which `picture` projects."""

@@ -31,7 +31,7 @@ class Curve(NamedTuple):
 
     def at(self, cycle: int, time: Component) -> Components:
         """Position after so many steps [m]."""
-        return Episode(None, (), (), self.mean, (), None, self.motion, cycle).goal_at(time)
+        return Episode(None, (), (), self.mean, motion=self.motion, cycle=cycle).goal_at(time)
 
 
 class Start(NamedTuple):

@@ -14,8 +14,8 @@ from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022, Inverse
 
 __all__ = [
     "FURET2018",
-    "JI2014",
     "JAHROMY",
+    "JI2014",
     "MURALIDHARAN2022",
     "ZHAO2021_CAPTION",
     "ZHAO2021_TEXT",
