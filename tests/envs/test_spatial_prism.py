@@ -67,6 +67,9 @@ def test_every_episode_can_be_solved(env_id, payload):
     found = PRISM.loaded_inverse_kinematics(flat, (0.0, 0.0, np.broadcast_to(weight, points[0].shape).ravel()))
     assert found.is_stable.all()
     assert np.min([*found.forces, *found.tensions]) > 0
+    if payload != (2.0, 4.0):
+        assert np.min(found.forces) > 50
+        assert np.min(found.tensions) > 48
     lengths = np.stack(found.lengths).reshape(3, CYCLE + 1, count)
     assert lengths.min() >= 0.5
     assert lengths.max() <= 1.2
@@ -86,6 +89,18 @@ def test_published_trajectories_are_followed_at_the_published_shape():
         env.reset(seed=3)
         t = np.arange(0, CYCLE, 7)
         np.testing.assert_allclose(np.stack(env.episodes.goal_at(t[:, None]))[..., 0], trajectory(t / CYCLE), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("name", "rate", "loaded", "taken_up"), [("eq31", 8.15, 8.10, 8.62), ("eq32", 2.05, 2.02, 2.45)]
+)
+def test_rates_along_the_published_trajectories(name, rate, loaded, taken_up):
+    """Largest length steps [mm] at 200 steps a cycle: unloaded, with 0.5 kg, and in the step that takes it up."""
+    r = TRAJECTORIES[name](np.arange(CYCLE + 1) / CYCLE)
+    plain = np.stack(PRISM.inverse_kinematics(r))
+    heavy = np.stack(PRISM.loaded_inverse_kinematics(r, (0.0, 0.0, -0.5 * 9.81)).lengths)
+    steps = [np.diff(plain), np.diff(heavy), heavy[:, 1:] - plain[:, :-1]]
+    np.testing.assert_allclose([1e3 * np.abs(step).max() for step in steps], [rate, loaded, taken_up], atol=0.006)
 
 
 def test_a_quarter_each_are_published_trajectories_begun_anywhere():

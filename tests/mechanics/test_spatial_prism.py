@@ -279,6 +279,14 @@ def test_strut_clearance_against_dense_samples():
         assert PRISM.strut_clearance(tuple(q)) <= sampled + 1e-12
 
 
+def test_struts_keep_clear_of_each_other_within_the_stroke():
+    lengths = np.random.default_rng(12).uniform(0.5, 1.2, (3, 200_000))
+    (x, y), square = PRISM.foot_and_square(tuple(lengths))
+    high = square >= 0.1**2
+    q = (x[high], y[high], np.sqrt(square[high]), *np.zeros((3, int(high.sum()))))
+    assert PRISM.strut_clearance(q).min() > 0.018
+
+
 def test_unloading_limits():
     lengths = PRISM.inverse_kinematics((0.0, 0.0, 0.4))
     down = PRISM.unloading_limit(lengths, (0.0, 0.0, -1.0))

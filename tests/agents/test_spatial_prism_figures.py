@@ -1,0 +1,37 @@
+"""What the figures of the spatial prism show; `scripts/analyze.py spatial-prism` draws them all (minutes)."""
+
+import numpy as np
+import pytest
+
+from tensegrity_agents.analysis import ANALYSES
+from tensegrity_agents.reporting import analysis_spatial_prism as spatial
+from tensegrity_envs.mechanics import SpatialPrism
+from tensegrity_envs.mechanics.spatial_prism import trajectory31
+
+PRISM = SpatialPrism()
+
+
+def test_the_analysis_is_in_the_table():
+    assert ANALYSES["spatial-prism"].default == ("jahromy",)
+
+
+def test_forces_are_those_of_the_lengths():
+    (axes,) = spatial.forces_along(PRISM, "eq31").axes
+    t = axes.lines[0].get_xdata()
+    for line, length in zip(axes.lines[:3], PRISM.inverse_kinematics(trajectory31(t)), strict=True):
+        np.testing.assert_allclose(line.get_ydata(), 100 * length)
+    np.testing.assert_allclose(axes.lines[3].get_ydata(), 50)
+
+
+def test_compliance_on_the_axis():
+    panels = spatial.compliance_maps(PRISM).axes
+    sideways, upwards = (panels[row].collections[0].get_array().reshape(81, 81)[40, 40] for row in (1, 5))
+    assert panels[1].get_title() == "z = 0.4 m"
+    assert sideways == pytest.approx(0.532, abs=5e-4)
+    assert upwards == pytest.approx(0.301, abs=5e-4)
+
+
+def test_pictures_show_every_member():
+    panels = spatial.pictures(PRISM).axes
+    assert len(panels) == 4
+    assert all(len(axes.lines) >= 9 for axes in panels)
