@@ -11,14 +11,16 @@ ENVS = ROOT / "envs" / "tensegrity_envs"
 LAYERS = [
     "mechanics",
     "seeding",
-    "simulation",
-    "tasks",
+    "randomization",
     "rendering",
     "rendering_spatial",
+    "simulation",
+    "tasks",
     "core",
     "arms",
     "episodes",
     "env",
+    "mujoco_env",
     "vector_env",
     "registration",
 ]
