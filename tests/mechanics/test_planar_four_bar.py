@@ -1,4 +1,4 @@
-"""The planar 4-bar mechanism against other routes: energy of nodes and members, minimizers, differences, brute force."""
+"""The planar 4-bar mechanism by other routes: energy of nodes and members, minimizers, differences, brute force."""
 
 import math
 

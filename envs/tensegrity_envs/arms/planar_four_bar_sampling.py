@@ -48,9 +48,7 @@ class Sampler:
         self.mechanism, self.control = mechanism, control
         low, high = load_range or (0.0, 0.0)
         if not (0 <= low <= high and np.isfinite(high)):
-            raise ValueError(
-                f"load_range = {load_range!r}: must be (low, high) with 0 <= low <= high, in units of K L"
-            )
+            raise ValueError(f"load_range = {load_range!r}: must be (low, high) with 0 <= low <= high, in units of K L")
         self.load_range = (low, high)
 
     def draw(self, seed: np.ndarray, episode: np.ndarray) -> Start:

@@ -3,7 +3,7 @@
 from tensegrity_envs.tasks.base import Task
 from tensegrity_envs.tasks.hold import Hold
 from tensegrity_envs.tasks.posture import Posture
-from tensegrity_envs.tasks.reach import Reach
+from tensegrity_envs.tasks.reach import InputReach, Reach
 from tensegrity_envs.tasks.weights import HoldWeights, PostureWeights, ReachWeights
 
-__all__ = ["Hold", "HoldWeights", "Posture", "PostureWeights", "Reach", "ReachWeights", "Task"]
+__all__ = ["Hold", "HoldWeights", "InputReach", "Posture", "PostureWeights", "Reach", "ReachWeights", "Task"]

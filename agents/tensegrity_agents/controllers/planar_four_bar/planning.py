@@ -4,6 +4,7 @@ A way has two way points and an end. The straight ways to all inverse solutions 
 a fixed table; each is followed in the nominal model. Of those that arrive, the one with the fewest steps is taken.
 """
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ def _trip(
     mechanism = PlanarFourBar(design)
     covered: Component = 0.0
     least: Component = None
-    for old, new in zip(points[:-1], points[1:], strict=True):
+    for old, new in pairwise(points):
 
         def leg(u: Components, t: Component, old: Components = old, new: Components = new) -> Any:
             return mechanism.statics(u, tuple(o + t * (n - o) for o, n in zip(old, new, strict=True)), load)
@@ -49,9 +50,7 @@ def _trip(
         q, fraction = follow(leg, q, _RESOLUTION)
         covered = covered + fraction
         xp = namespace_of(covered)
-        margin = xp.minimum(
-            mechanism.stability_margin(q, new, load), wrench_margin(mechanism, q, new, load)
-        )
+        margin = xp.minimum(mechanism.stability_margin(q, new, load), wrench_margin(mechanism, q, new, load))
         least = margin if least is None else xp.minimum(least, margin)
     return mechanism.tip(q, points[-1]), covered, least
 

@@ -171,7 +171,7 @@ class PseudoInverse(ReachController):
         square, rest = self.nominal.flatness(tuple(lengths.T))
         regular = np.minimum(square, rest) > 1e-3
         safe = np.where(regular[:, None], lengths, float(self.nominal.length) * np.array([1.2, 0.8]))
-        jacobian = np.moveaxis(np.array(self.nominal.jacobian(tuple(safe.T), here)), -1, 0)
+        jacobian: np.ndarray = np.moveaxis(np.array(self.nominal.jacobian(tuple(safe.T), here)), -1, 0)
         inner = np.einsum("nij,nkj->nik", jacobian, jacobian) + self.damping**2 * np.eye(2)
         wanted = self.gain * error
         return np.asarray(np.einsum("nji,njk,nk->ni", jacobian, np.linalg.inv(inner), wanted))

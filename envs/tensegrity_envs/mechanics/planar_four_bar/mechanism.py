@@ -149,9 +149,7 @@ class PlanarFourBar:
             Member(f"spring {ends}", "spring", (ends[0], ends[1]), stiffness=self.stiffness)
             for ends in ("CE", "EF", "DF")
         ]
-        actuators = [
-            Member(f"actuator {ends}", "actuator", (ends[0], ends[1]), is_input=True) for ends in ("AC", "BD")
-        ]
+        actuators = [Member(f"actuator {ends}", "actuator", (ends[0], ends[1]), is_input=True) for ends in ("AC", "BD")]
         return (*bars, *springs, *actuators)
 
     # ------------------------------------------------------------------------------------------------- statics
@@ -345,7 +343,7 @@ class PlanarFourBar:
             raise ValueError(f"side = {side!r}: must be 1 or -1")
         if not np.all(rest > 0):
             raise ValueError(
-                f"lengths = {lengths!r}: there is no rectangle, all moving nodes are collinear; it needs rho1, rho2 > 0 "
+                f"lengths = {lengths!r}: no rectangle, all moving nodes are collinear; it needs rho1, rho2 > 0 "
                 "and rho1^2 + rho2^2 < 4 L^2 (beyond, use mode='flat')"
             )
         if not np.all(square > 1e-24):
@@ -372,9 +370,7 @@ class PlanarFourBar:
         cross = (cx - dx) * (fy - dy) - (cy - dy) * (fx - dx)
         return xp.where(cross > 0, 1, xp.where(cross < 0, -1, 0))
 
-    def inverse_kinematics(
-        self, x: float, y: float, load: Sequence[float] = NO_LOAD
-    ) -> list[_inverse.InverseSolution]:
+    def inverse_kinematics(self, x: float, y: float, load: Sequence[float] = NO_LOAD) -> list[_inverse.InverseSolution]:
         """Every equilibrium with F at a target, stable or not; see `inverse.inverse_kinematics`."""
         return _inverse.inverse_kinematics(self, x, y, load)
 
