@@ -123,6 +123,12 @@ class ReachController:
         memory.load[index] = load
         return memory
 
+    def _stranded(self, reading: Reading, memory: Memory) -> np.ndarray:
+        """Whether the way has ended away from the target, shape (n,)."""
+        away = np.hypot(*(reading.target - reading.tip).T) > self.core.task.tolerance
+        arrived = np.abs(memory.way[:, -1] - reading.lengths).max(axis=1) < 1e-4 * self.rate
+        return away & arrived & (memory.step < 90)
+
     def _along(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
         rows = np.arange(len(memory.leg))
         leg = memory.leg
@@ -244,9 +250,7 @@ class Observer(ReachController):
             evidence=memory.evidence + across * pull[:, None],
         )
         changed = np.hypot(*(self._load(reading, memory) - memory.load).T)
-        away = np.hypot(*(reading.target - reading.tip).T) > self.core.task.tolerance
-        arrived = np.abs(memory.way[:, -1] - reading.lengths).max(axis=1) < 1e-4 * self.rate
-        again = ~(changed < self._noticeable) | (away & arrived & (memory.step < 90))  # NaN: never planned
+        again = ~(changed < self._noticeable) | self._stranded(reading, memory)  # NaN: never planned
         first = memory.step == 0
         action, memory = self._along(reading, self._planned(reading, memory, np.flatnonzero(again & ~first)))
         begun = np.flatnonzero(first)
@@ -269,6 +273,10 @@ class Oracle(Privileged, ReachController):
     """Told the true force."""
 
     knows = "the true force; plans ways along which the mechanism does not snap"
+
+    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+        again = (memory.step == 0) | self._stranded(reading, memory)
+        return self._along(reading, self._planned(reading, memory, np.flatnonzero(again)))
 
     def _load(self, reading: Reading, memory: Memory) -> np.ndarray:
         assert self.privileged is not None
