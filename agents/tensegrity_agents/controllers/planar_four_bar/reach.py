@@ -127,7 +127,7 @@ class ReachController:
         """Whether the way has ended away from the target, shape (n,)."""
         away = np.hypot(*(reading.target - reading.tip).T) > self.core.task.tolerance
         arrived = np.abs(memory.way[:, -1] - reading.lengths).max(axis=1) < 1e-4 * self.rate
-        return away & arrived & (memory.step < 90)
+        return np.asarray(away & arrived & (memory.step < 90))
 
     def _along(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
         rows = np.arange(len(memory.leg))
