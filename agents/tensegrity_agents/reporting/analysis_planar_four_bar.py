@@ -257,9 +257,9 @@ def numbers(arm: PlanarFourBar, workspaces: Mapping[str, Image]) -> dict[str, An
     """What the table tells."""
     table: dict[str, Any] = {}
     for mode in ("rectangle", "paper", "flat"):
-        lobes = (1, -1) if mode == "paper" else (0,)  # the lobes touch in a point
+        lobes = (1, -1) if mode == "paper" else (0,)  # which touch in a point and have long cusps: a fine grid
         table[f"actuator workspace, {mode} [m2]"] = sum(
-            actuator_workspace(arm, mode, lobe).trace().area for lobe in lobes
+            actuator_workspace(arm, mode, lobe).trace(2048 if lobe else 256).area for lobe in lobes
         )
     for mode, found in workspaces.items():
         low_x, low_y, high_x, high_y = found.reachable.bounds
