@@ -248,3 +248,16 @@ def test_hover_click_and_release(results, tmp_path):
 def test_page_of_an_empty_set(results, tmp_path):
     document = browse(results[0] / EMPTY / "browse.html", tmp_path, "#0.1,0.3")
     assert '<span id="count">0</span>' in document
+
+
+def test_planar_four_bar(tmp_path):
+    numbers = analyze("planar-four-bar", [], tmp_path, lambda *step: None)["ji2014"]
+    assert numbers["actuator workspace, rectangle [m2]"] == pytest.approx(314.159, abs=1e-3)
+    assert numbers["output workspace, rectangle [m2]"] == pytest.approx(412.5, abs=0.1)
+    for stem in ("ji_fig2_actuator_workspace", "ji_fig3_output_workspace", "singular_configurations", "thrusts"):
+        picture = np.asarray(Picture.open(tmp_path / "ji2014" / f"{stem}.png").convert("L"), float)
+        assert picture.shape[1] > 900
+        assert picture.std() > 5
+    regions = json.loads((tmp_path / "ji2014" / "output_paper.geojson").read_text())
+    area = sum(shapely.geometry.shape(feature["geometry"]).area for feature in regions["features"])
+    assert area == pytest.approx(numbers["output workspace, paper [m2]"], rel=1e-6)

@@ -1,4 +1,4 @@
-"""The planar 4-bar mechanism against other routes: energy of nodes and members, minimizers, differences, brute force."""
+"""The planar 4-bar mechanism by other routes: energy of nodes and members, minimizers, differences, brute force."""
 
 import math
 
@@ -487,6 +487,18 @@ def test_paper_range_is_met_where_r_squared_is_less_than_a():
         q = np.array(ARM.forward_kinematics(lengths, np.full(4000, side)).configuration)
         any_side |= ((q > 0) & (q < math.pi)).all(axis=0)
     np.testing.assert_array_equal(inside, any_side)
+
+
+def test_area_of_the_paper_range_against_a_sum_over_cells():
+    n = 4000
+    middle = (np.arange(n) + 0.5) * 2 * L / n
+    cells = np.zeros(2)
+    for rho2 in middle:
+        square = ARM.flatness((middle, np.full(n, rho2)))[0]
+        a = (middle**2 + rho2**2) / (2 * L**2) - 1
+        cells += [(sign * a > square).sum() for sign in (1, -1)]
+    areas = [actuator_workspace(ARM, "paper", lobe).trace(1024).area for lobe in (1, -1)]
+    np.testing.assert_allclose(areas, cells * (2 * L / n) ** 2, atol=0.01)
 
 
 # --------------------------------------------------------------------------------------------------- arguments

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from contourpy import contour_generator
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -59,8 +60,6 @@ def draw(
 
 def _zero_curves(arm: PlanarFourBar, name: str, side: int) -> list[np.ndarray]:
     """Where a measure of `SINGULARITIES` that belongs to rectangles is zero, as curves of lengths [m]."""
-    from contourpy import contour_generator
-
     measure = next(s.measure for s in SINGULARITIES if s.name == name)
     rho = np.linspace(1e-6, 2 * float(arm.length), _GRID)
     lengths = (rho[None, :] + 0 * rho[:, None], rho[:, None] + 0 * rho[None, :])
@@ -95,15 +94,15 @@ def actuator_workspaces(arm: PlanarFourBar) -> Figure:
             axes.annotate(text, (2 * l * at[0], 2 * l * at[1]), fontsize=9, ha="left", va="bottom")
         axes.annotate("v", (1.94 * l, 1.94 * l), fontsize=9, ha="right", va="top")
         axes.annotate("vi", (l, l), xytext=(5, 3), textcoords="offset points", fontsize=9)
-        axes.set(aspect="equal", xlabel="ρ1 [m]", title=f"side {side:+d}")
-    panels[0].set_ylabel("ρ2 [m]")
+        axes.set(aspect="equal", xlabel=r"$\rho_1$ [m]", title=f"side {side:+d}")
+    panels[0].set_ylabel(r"$\rho_2$ [m]")
     handles = [
         Patch(color=_AREA, label="rectangle stable"),
-        Patch(color="#b9d3ec", label="and 0 < θ, γ < π"),
+        Patch(color="#b9d3ec", label=r"and $0 < \theta, \gamma < \pi$"),
         Patch(color="#f0ece2", label="flat stable"),
-        Line2D([], [], color=_BAD, label="pitchfork ρ1² + ρ2² = 4L² (not in the paper)"),
-        Line2D([], [], color=_COLOURS[0], label="vii: sin(β + γ) = 0"),
-        Line2D([], [], color=_COLOURS[2], label="vii: Φ3 = 0"),
+        Line2D([], [], color=_BAD, label=r"pitchfork $\rho_1^2 + \rho_2^2 = 4L^2$ (not in the paper)"),
+        Line2D([], [], color=_COLOURS[0], label=r"vii: $\sin(\beta + \gamma) = 0$"),
+        Line2D([], [], color=_COLOURS[2], label=r"vii: $\Phi_3$ = 0"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8)
     return figure
@@ -129,7 +128,7 @@ def output_workspaces(arm: PlanarFourBar, workspaces: Mapping[str, Image]) -> Fi
     l = float(arm.length)
     figure = _figure(7.6, 3.4)
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
-    titles = {"rectangle": "all rectangles", "paper": "0 < θ, γ < π", "flat": "flat"}
+    titles = {"rectangle": "all rectangles", "paper": r"$0 < \theta, \gamma < \pi$", "flat": "flat"}
     for axes, (mode, title) in zip(panels, titles.items(), strict=True):
         found = workspaces[mode]
         _regions(axes, found, l)
@@ -144,14 +143,14 @@ def output_workspaces(arm: PlanarFourBar, workspaces: Mapping[str, Image]) -> Fi
             _circle(axes, 0, 0, l, "i: x² + y² = L²", _INK, "solid")
             _circle(axes, 2 * l, 0, l, "iii as printed", _FAINT, _DOTTED)
             _circle(axes, l / 2, l * math.sqrt(3) / 2, l, "vi: about C = D", _COLOURS[2], _DASHED)
-            _circle(axes, l, 0, 2 * l, "viii: sin(β + γ) = 0", _COLOURS[0], "solid")
+            _circle(axes, l, 0, 2 * l, r"viii: $\sin(\beta + \gamma) = 0$", _COLOURS[0], "solid")
         axes.plot([0, l], [0, 0], "o", color=_INK, markersize=3)
         axes.set(aspect="equal", title=f"{title}: {found.area():.1f} m²", xlabel="x [m]")
         axes.set(xlim=(-1.15 * l, 2.1 * l), ylim=(-0.5 * l, 2.1 * l))
     panels[0].set_ylabel("y [m]")
     handles, labels = panels[0].get_legend_handles_labels()
     handles += [Line2D([], [], color=_BAD, linewidth=1.8, linestyle=dashes) for dashes in ("solid", _DASHED)]
-    labels += ["Φ3 = 0, |AM| = 3L/2: not in the paper", "Φ3 = 0, |AM| = L/2: not in the paper"]
+    labels += [r"$\Phi_3$ = 0, |AM| = 3L/2: not in the paper", r"$\Phi_3$ = 0, |AM| = L/2: not in the paper"]
     counts: list[Any] = [Patch(color=colour, label=str(n + 1)) for n, colour in enumerate(_COUNTS[:4])]
     handles += counts
     labels += [f"{n + 1} stable solution{'s' if n else ''}" for n in range(4)]
@@ -171,16 +170,16 @@ def singular_postures(arm: PlanarFourBar) -> Figure:
     on_thales = next(c for c in _zero_curves(arm, "vii: A, D, M aligned", 1) if len(c) > 10)
     fold, thales = on_fold[len(on_fold) // 3], on_thales[len(on_thales) // 3]
     cases: list[tuple[str, tuple[float, float]]] = [
-        ("i: ρ1 = 0, F on D", (near, 1.2 * l)),
-        ("ii: ρ2 = 0, F on B", (1.2 * l, near)),
-        ("iii: ρ1 = 2L, flat", (2 * l, 1.4 * l)),
-        ("iv: ρ2 = 2L, flat", (1.4 * l, 2 * l)),
-        ("v: ρ1 = ρ2 = 2L, F on B (not A)", (2 * l, 2 * l)),
-        ("vi: ρ1 = ρ2 = L, CF turns freely", (l, l)),
+        (r"i: $\rho_1$ = 0, F on D", (near, 1.2 * l)),
+        (r"ii: $\rho_2$ = 0, F on B", (1.2 * l, near)),
+        (r"iii: $\rho_1$ = 2L, flat", (2 * l, 1.4 * l)),
+        (r"iv: $\rho_2$ = 2L, flat", (1.4 * l, 2 * l)),
+        (r"v: $\rho_1 = \rho_2 = 2L$, F on B (not A)", (2 * l, 2 * l)),
+        (r"vi: $\rho_1 = \rho_2 = L$, CF turns freely", (l, l)),
         ("vii: B, C, F aligned", (float(fold[0]), float(fold[1]))),
         ("vii: A, D, M aligned", (float(thales[0]), float(thales[1]))),
-        ("both: ρ1 = ρ2 = 2L/√3", (special, special)),
-        ("pitchfork: ρ1² + ρ2² = 4L²", (1.2 * l, 1.6 * l - near)),
+        (r"both: $\rho_1 = \rho_2 = 2L/\sqrt{3}$", (special, special)),
+        (r"pitchfork: $\rho_1^2 + \rho_2^2 = 4L^2$", (1.2 * l, 1.6 * l - near)),
     ]
     figure = _figure(7.6, 3.4)
     panels = figure.subplots(2, 5, sharex=True, sharey=True).ravel()
@@ -215,8 +214,8 @@ def thrust_map(arm: PlanarFourBar) -> Figure:
         shown = np.where(inside, values / force, np.nan)
         image = axes.contourf(rho, rho, shown, levels=np.linspace(-2, 2, 21), cmap="RdBu")
         axes.contour(rho, rho, shown, levels=[0.0], colors=_INK, linewidths=1.2)
-        axes.set(aspect="equal", title=name, xlabel="ρ1 [m]")
-    panels[0].set_ylabel("ρ2 [m]")
+        axes.set(aspect="equal", title=name, xlabel=r"$\rho_1$ [m]")
+    panels[0].set_ylabel(r"$\rho_2$ [m]")
     figure.colorbar(image, ax=list(panels), shrink=0.85, label="thrust / (K L), compression positive [-]")
     return figure
 
@@ -244,7 +243,8 @@ def energy_landscape(arm: PlanarFourBar, lengths: tuple[float, float]) -> Figure
         for kind, stable in used.items()
     ]  # fmt: skip
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
-    left.set(xlabel="θ [rad]", ylabel="γ [rad]", aspect="equal", title=f"ρ = ({lengths[0]:g}, {lengths[1]:g}) m")
+    left.set(xlabel=r"$\theta$ [rad]", ylabel=r"$\gamma$ [rad]", aspect="equal")
+    left.set_title(rf"$\rho$ = ({lengths[0]:g}, {lengths[1]:g}) m")
     figure.colorbar(image, ax=left, shrink=0.85, label="energy / (K L²) [-]")
     for state, colour in zip([s for s in found if s.is_stable], (_COLOURS[0], _COLOURS[1]), strict=False):
         draw(right, arm, state.configuration, lengths, colour)
@@ -257,9 +257,9 @@ def numbers(arm: PlanarFourBar, workspaces: Mapping[str, Image]) -> dict[str, An
     """What the table tells."""
     table: dict[str, Any] = {}
     for mode in ("rectangle", "paper", "flat"):
-        lobes = (1, -1) if mode == "paper" else (0,)  # the lobes touch in a point
+        lobes = (1, -1) if mode == "paper" else (0,)  # which touch in a point and have long cusps: a fine grid
         table[f"actuator workspace, {mode} [m2]"] = sum(
-            actuator_workspace(arm, mode, lobe).trace().area for lobe in lobes
+            actuator_workspace(arm, mode, lobe).trace(2048 if lobe else 256).area for lobe in lobes
         )
     for mode, found in workspaces.items():
         low_x, low_y, high_x, high_y = found.reachable.bounds

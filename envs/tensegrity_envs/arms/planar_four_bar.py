@@ -8,9 +8,10 @@ from tensegrity_envs.arms.planar_four_bar_sampling import Sampler
 from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_angles
 from tensegrity_envs.mechanics.namespace import Component, Components, to_single
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
+from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
 from tensegrity_envs.simulation.actuator_lengths import LARGEST_THRUST, LoadedLengthControl, RectangleControl
 from tensegrity_envs.simulation.protocol import Episode, State
-from tensegrity_envs.tasks import Reach, ReachWeights
+from tensegrity_envs.tasks import InputReach, ReachWeights
 
 
 class PlanarFourBarReach(Core):
@@ -54,13 +55,15 @@ class PlanarFourBarReach(Core):
         self.simulation: LoadedLengthControl = kind(self.nominal)
         if not isinstance(reward_weights, ReachWeights):
             reward_weights = {"effort": 0.0} | (reward_weights or {})
-        self.task = Reach(
+        self.task = InputReach(
             input_scale=2 * float(design.length),
-            joint_span=2 * float(design.joint_limit),
+            joint_span=2 * float(design.length),
             tolerance=tolerance,
             reward_type=reward_type,
             weights=ReachWeights.given(reward_weights),
         )
+        # Under an unknown force solutions on this side and on the other cannot be told apart for relabelled goals.
+        self.with_solutions = load_range is None and reward_type == "dense"
         self.sampler = Sampler(self.nominal, self.simulation, load_range)
         self.set_spaces(4 + (6 if self.observe_all else 0))
 
@@ -72,7 +75,20 @@ class PlanarFourBarReach(Core):
         """See `Core.draw`."""
         start = self.sampler.draw(seed, episode)
         goal = tuple(to_single(component) for component in start.target)
-        return Drawn(Episode(self.design, start.load, (), goal), start.configuration, start.lengths)
+        solutions = self._solutions(goal, start.configuration, start.lengths)
+        return Drawn(Episode(self.design, start.load, (), goal, solutions), start.configuration, start.lengths)
+
+    def _solutions(self, goal: Components, q: Components, lengths: Components) -> tuple[Components, ...]:
+        """Actuator lengths of the unloaded rectangles, on the side of a state, with F at goals of shape (n,) [m].
+
+        Four; those that do not exist are out of reach.
+        """
+        if not self.with_solutions:
+            return ()
+        found, sides, exists = rectangles(self.nominal, *goal)
+        fits = exists & (sides == self.nominal.side_of(q, lengths))
+        found = np.where(fits, found, 100 * self.reach)
+        return tuple((found[0, k], found[1, k]) for k in range(4))
 
     def observation(self, state: State, episode: Episode) -> list[Component]:
         """See `core.tip_inputs_and_angles`."""
@@ -86,7 +102,9 @@ class PlanarFourBarReach(Core):
 
     def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
-        return Episode(self.design, tuple(np.asarray(info["load"], float).T), (), goal)
+        q, lengths = (tuple(np.asarray(info[name], float).T) for name in ("configuration", self.input_name))
+        load = tuple(np.asarray(info["load"], float).T)
+        return Episode(self.design, load, (), goal, self._solutions(goal, q, lengths))
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""

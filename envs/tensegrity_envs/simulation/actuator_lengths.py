@@ -5,7 +5,7 @@ from typing import Any
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 from tensegrity_envs.simulation.protocol import RUNNING, SINGULAR, WRENCH_INFEASIBLE, Episode, State
-from tensegrity_envs.simulation.quasi_static import STEP_SHARE, InputControl, clip, keep_where
+from tensegrity_envs.simulation.quasi_static import STEP_SHARE, InputControl, keep_where
 
 STROKE = (0.01, 0.99)  # actuator lengths, as shares of 2 L: at 2 L an actuator has no moment arm
 LARGEST_THRUST = 2.0  # times K L; unloaded rectangles never need more
@@ -62,6 +62,7 @@ class LoadedLengthControl(InputControl):
     def at_rest(
         self, mechanism: PlanarFourBar, q: Components, inputs: Components, load: Components, time: Component
     ) -> State:
+        """See `InputControl.at_rest`."""
         stability, wrench = self.margins(mechanism, q, inputs, load)
         return State(q, inputs, mechanism.tip(q, inputs), stability, wrench, RUNNING, time)
 
@@ -90,8 +91,7 @@ class RectangleControl(LoadedLengthControl):
     def advance(self, mechanism: PlanarFourBar, episode: Episode, state: State, action: Components) -> State:
         """See `Simulation.advance`."""
         xp = namespace_of(*state.configuration)
-        low, high = self.bounds(mechanism)
-        lengths = tuple(clip(xp, rho + self.rate * a, low, high) for rho, a in zip(state.inputs, action, strict=True))
+        lengths = self.moved(mechanism, state.inputs, action)
         side = xp.where(mechanism.side_of(state.configuration, state.inputs) > 0, 1.0, -1.0)
         q, tip = mechanism.rectangle(lengths, side)
         stability, wrench = self.margins(mechanism, q, lengths, (0.0, 0.0))

@@ -63,7 +63,8 @@ class Episode(NamedTuple):
         load: dead force at the tip (fx, fy) or (fx, fy, fz) [N].
         load_rate: what is added to it in every step [N].
         goal: target position (x, y) or (x, y, z) [m], as float32 numbers; of a moving goal, its mean.
-        solutions: feasible configurations that put the tip there, for the reward; none in the sparse form.
+        solutions: feasible configurations (or inputs, see `tasks.InputReach`) that put the tip there, for the reward;
+            none in the sparse form.
         random: what was randomized, by name; see `randomization.Randomization`.
         onset: step from which on the load acts; None for the first one.
         motion: of a moving goal, the amplitudes of its harmonics [m], for every axis (cosine 1, sine 1, cosine 2, ...);

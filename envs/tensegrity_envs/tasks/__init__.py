@@ -3,8 +3,19 @@
 from tensegrity_envs.tasks.base import Task
 from tensegrity_envs.tasks.hold import Hold
 from tensegrity_envs.tasks.posture import Posture
-from tensegrity_envs.tasks.reach import Reach
+from tensegrity_envs.tasks.reach import InputReach, Reach
 from tensegrity_envs.tasks.track import Track
 from tensegrity_envs.tasks.weights import HoldWeights, PostureWeights, ReachWeights, TrackWeights
 
-__all__ = ["Hold", "HoldWeights", "Posture", "PostureWeights", "Reach", "ReachWeights", "Task", "Track", "TrackWeights"]
+__all__ = [
+    "Hold",
+    "HoldWeights",
+    "InputReach",
+    "Posture",
+    "PostureWeights",
+    "Reach",
+    "ReachWeights",
+    "Task",
+    "Track",
+    "TrackWeights",
+]

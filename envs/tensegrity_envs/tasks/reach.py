@@ -32,6 +32,10 @@ class Reach(Task):
         """Whether the tip is within tolerance and the arm could rest there: a moving arm may be where it could not."""
         return super().is_success(error, state, episode) & (state.stability_margin > 0)
 
+    def place(self, state: State) -> Components:
+        """What is compared with the episode's solutions."""
+        return state.configuration
+
     def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
         """The weighted terms of the reward by name; all zero in the step in which the episode fails.
 
@@ -48,7 +52,7 @@ class Reach(Task):
         w = self.weights
         terms = {"distance": w.distance * running / (1.0 + xp.sqrt(error / self.tolerance))}
         if episode.solutions:
-            gap = _nearest(xp, state.configuration, episode.solutions)
+            gap = _nearest(xp, self.place(state), episode.solutions)
             terms["potential"] = w.potential * running * xp.maximum(1.0 - gap / self.joint_span, 0.0)
         stability = xp.minimum(xp.maximum(state.stability_margin / _FULL_MARGIN, 0.0), 1.0)
         wrench = xp.minimum(xp.maximum(state.wrench_margin / _FULL_MARGIN, 0.0), 1.0)
@@ -58,6 +62,14 @@ class Reach(Task):
             "stability": w.stability * running * stability,
             "wrench": w.wrench * running * wrench,
         }
+
+
+class InputReach(Reach):
+    """Reaching where the solutions of an episode are inputs, and `joint_span` is a scale of inputs."""
+
+    def place(self, state: State) -> Components:
+        """The inputs."""
+        return state.inputs
 
 
 def _nearest(xp: Any, q: Components, solutions: tuple[Components, ...]) -> Component:

@@ -4,6 +4,7 @@ A way has two way points and an end. The straight ways to all inverse solutions 
 a fixed table; each is followed in the nominal model. Of those that arrive, the one with the fewest steps is taken.
 """
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ def _trip(
     mechanism = PlanarFourBar(design)
     covered: Component = 0.0
     least: Component = None
-    for old, new in zip(points[:-1], points[1:], strict=True):
+    for old, new in pairwise(points):
 
         def leg(u: Components, t: Component, old: Components = old, new: Components = new) -> Any:
             return mechanism.statics(u, tuple(o + t * (n - o) for o, n in zip(old, new, strict=True)), load)
@@ -70,7 +71,10 @@ def trips(
     """
     if not len(q):
         return np.zeros((0, 2)), np.zeros(0)
-    columns = tuple(tuple(np.ascontiguousarray(points[:, k, i]) for i in range(2)) for k in range(LEGS + 1))
+    # Half a leg at a time: margins are then known in the middle, too, and no long step can jump to another branch.
+    halves = np.empty((len(points), 2 * LEGS + 1, 2))
+    halves[:, ::2], halves[:, 1::2] = points, (points[:, 1:] + points[:, :-1]) / 2
+    columns = tuple(tuple(np.ascontiguousarray(halves[:, k, i]) for i in range(2)) for k in range(2 * LEGS + 1))
     start, force = (tuple(np.ascontiguousarray(v.T)) for v in (q, load))
     tip, covered, margin = evaluate(_trip, mechanism.design, start, columns, force)
     # An unloaded rectangle also has to keep away from where C and D coincide, and from being flat.
@@ -81,7 +85,7 @@ def trips(
         square, rest = mechanism.flatness((path[..., 0], path[..., 1]))
         clear = 2 * np.minimum(square, rest).min(axis=(1, 2)) - 1.5 * LEAST_STIFFNESS
         margin[still] = np.minimum(margin[still], clear)
-    return np.stack(tip, axis=1), np.where(covered >= LEGS - 1e-9, margin, -1.0)
+    return np.stack(tip, axis=1), np.where(covered >= 2 * LEGS - 1e-9, margin, -1.0)
 
 
 def ends(

@@ -123,6 +123,12 @@ class ReachController:
         memory.load[index] = load
         return memory
 
+    def _stranded(self, reading: Reading, memory: Memory) -> np.ndarray:
+        """Whether the way has ended away from the target, shape (n,)."""
+        away = np.hypot(*(reading.target - reading.tip).T) > self.core.task.tolerance
+        arrived = np.abs(memory.way[:, -1] - reading.lengths).max(axis=1) < 1e-4 * self.rate
+        return np.asarray(away & arrived & (memory.step < 90))
+
     def _along(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
         rows = np.arange(len(memory.leg))
         leg = memory.leg
@@ -171,7 +177,7 @@ class PseudoInverse(ReachController):
         square, rest = self.nominal.flatness(tuple(lengths.T))
         regular = np.minimum(square, rest) > 1e-3
         safe = np.where(regular[:, None], lengths, float(self.nominal.length) * np.array([1.2, 0.8]))
-        jacobian = np.moveaxis(np.array(self.nominal.jacobian(tuple(safe.T), here)), -1, 0)
+        jacobian: np.ndarray = np.moveaxis(np.array(self.nominal.jacobian(tuple(safe.T), here)), -1, 0)
         inner = np.einsum("nij,nkj->nik", jacobian, jacobian) + self.damping**2 * np.eye(2)
         wanted = self.gain * error
         return np.asarray(np.einsum("nji,njk,nk->ni", jacobian, np.linalg.inv(inner), wanted))
@@ -244,9 +250,7 @@ class Observer(ReachController):
             evidence=memory.evidence + across * pull[:, None],
         )
         changed = np.hypot(*(self._load(reading, memory) - memory.load).T)
-        away = np.hypot(*(reading.target - reading.tip).T) > self.core.task.tolerance
-        arrived = np.abs(memory.way[:, -1] - reading.lengths).max(axis=1) < 1e-4 * self.rate
-        again = ~(changed < self._noticeable) | (away & arrived & (memory.step < 90))  # NaN: never planned
+        again = ~(changed < self._noticeable) | self._stranded(reading, memory)  # NaN: never planned
         first = memory.step == 0
         action, memory = self._along(reading, self._planned(reading, memory, np.flatnonzero(again & ~first)))
         begun = np.flatnonzero(first)
@@ -269,6 +273,10 @@ class Oracle(Privileged, ReachController):
     """Told the true force."""
 
     knows = "the true force; plans ways along which the mechanism does not snap"
+
+    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+        again = (memory.step == 0) | self._stranded(reading, memory)
+        return self._along(reading, self._planned(reading, memory, np.flatnonzero(again)))
 
     def _load(self, reading: Reading, memory: Memory) -> np.ndarray:
         assert self.privileged is not None

@@ -45,7 +45,7 @@ def read(observation: Any, core: Core) -> Reading:
 
 
 def configuration(mechanism: PlanarFourBar, reading: Reading) -> np.ndarray:
-    """(theta, gamma) [rad], shape (n, 2), in a stable equilibrium: bar CF ends at the tip, bar DE points at its middle."""
+    """(theta, gamma) [rad], shape (n, 2), in stable equilibria: bar CF ends at the tip, bar DE points at its middle."""
     lengths = tuple(reading.lengths.T)
     (cx, cy), _ = mechanism.supports(lengths)
     gamma = np.arctan2(reading.tip[:, 1] - cy, reading.tip[:, 0] - cx)

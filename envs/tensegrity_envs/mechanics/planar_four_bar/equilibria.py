@@ -1,8 +1,8 @@
 """All equilibria of the planar 4-bar mechanism under given actuator lengths, with a force on F or without.
 
 The springs CE and EF act on E as one spring of stiffness 2 K to the midpoint M of bar CF. So in equilibrium bar DE
-points at M (fold = 1) or away from it (fold = -1), and one angle is left. With e = (cos gamma, sin gamma), psi the angle
-from the direction C -> D to e, R = |CD| / L, d = |DM| / L (d^2 = 1/4 + R^2 - R cos psi) and f in units of K L:
+points at M (fold = 1) or away from it (fold = -1), and one angle is left. With e = (cos gamma, sin gamma), psi the
+angle from the direction C -> D to e, R = |CD| / L, d = |DM| / L (d^2 = 1/4 + R^2 - R cos psi) and f in units of K L:
 
     energy / (K L^2) = const - 2 R cos psi - 2 fold d - f . e,
     slope = R sin psi (2 - fold / d) - f . de/dgamma.
@@ -110,7 +110,7 @@ def _unloaded(mechanism: PlanarFourBar, lengths: tuple[float, ...]) -> list[Four
         ((math.pi - opposite, opposite), PARALLEL),
     ]
     if mechanism.flatness(lengths)[1] > 0:
-        states += [(mechanism.rectangle(lengths, side)[0], RECTANGLE) for side in (1, -1)]  # type: ignore[misc]
+        states += [(mechanism.rectangle(lengths, side)[0], RECTANGLE) for side in (1, -1)]
     return [describe(mechanism, q, lengths, (0.0, 0.0), kind) for q, kind in states]
 
 

@@ -133,7 +133,7 @@ def loaded(
     Returns:
         For m solutions altogether the index of the target (m,), the lengths (2, m) [m] and gamma (m,) [rad].
     """
-    l, n = mechanism.length, len(x)
+    l = mechanism.length
     places = pivots(mechanism, x, y)
     row, target = np.nonzero(places.exists)
     cx, cy = (v[row, target] for v in places.c)
@@ -166,7 +166,6 @@ def loaded(
     square = (mx[line] - l * np.cos(alpha)) ** 2 + (my[line] - l * np.sin(alpha)) ** 2
     kept = square > 1e-18 * l * l
     line, alpha = line[kept], alpha[kept]
-    del n
     return target[line], np.stack([rho1[line], 2 * l * np.sin(alpha / 2)]), gamma[line]
 
 

@@ -343,7 +343,7 @@ class PlanarFourBar:
             raise ValueError(f"side = {side!r}: must be 1 or -1")
         if not np.all(rest > 0):
             raise ValueError(
-                f"lengths = {lengths!r}: there is no rectangle, all moving nodes are collinear; it needs rho1, rho2 > 0 "
+                f"lengths = {lengths!r}: no rectangle, all moving nodes are collinear; it needs rho1, rho2 > 0 "
                 "and rho1^2 + rho2^2 < 4 L^2 (beyond, use mode='flat')"
             )
         if not np.all(square > 1e-24):

@@ -1,4 +1,4 @@
-"""The singular configurations of the planar 4-bar mechanism [Ji2014, section 4.2], and one that the paper does not name.
+"""The singular configurations of the planar 4-bar mechanism [Ji2014, section 4.2], and one that the paper leaves out.
 
 Each is told by a dimensionless measure that is zero there and smooth or at least continuous around it.
 """

@@ -62,7 +62,7 @@ def critical_load(mechanism: PlanarFourBar, lengths: Sequence[float], side: int,
     def growth(gamma: np.ndarray) -> np.ndarray:
         """The sign of the reduced stiffness where the force holds F at gamma: rise t.n - moment dt/dgamma.n."""
         angle = heading - gamma
-        return rise(gamma) * np.sin(angle) + moment(gamma) * np.cos(angle)
+        return np.asarray(rise(gamma) * np.sin(angle) + moment(gamma) * np.cos(angle))
 
     turn = math.remainder(heading - start, 2 * math.pi)  # until bar CF points along the force
     scale = float(mechanism.stiffness * mechanism.length)

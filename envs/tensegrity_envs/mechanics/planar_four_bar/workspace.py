@@ -64,14 +64,14 @@ def output_workspace(
     mechanism: PlanarFourBar,
     mode: str = "rectangle",
     resolution: int = 256,
-    tolerance: float = 1e-6,
+    tolerance: float = 1e-5,
 ) -> Image:
     """Positions of F [m] that stable unloaded states of a mode reach, and with how many of them.
 
     Args:
         mechanism: of one design.
         mode: see the module.
-        resolution, tolerance: see `Region.trace`.
+        resolution, tolerance: see `Region.trace`; finer grids would only resolve the cusps of the sheets.
 
     Raises:
         ValueError: an unknown mode, or a batch of designs.
@@ -81,7 +81,8 @@ def output_workspace(
         regions, mapping = _flat_sheets(mechanism)
     else:
         regions, mapping = _rectangle_sheets(mechanism, mode == "paper")
-    return image({n: r.trace(resolution, tolerance, mapping) for n, r in regions.items()}, mapping)
+    sheets = {n: r.trace(resolution, tolerance, mapping, finest=resolution) for n, r in regions.items()}
+    return image(sheets, mapping)
 
 
 Map = Callable[[tuple[Any, Any]], tuple[Any, Any]]

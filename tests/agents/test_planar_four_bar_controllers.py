@@ -1,0 +1,105 @@
+"""The analytic controllers of the planar 4-bar mechanism: what they identify, plan and reach."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.controllers.planar_four_bar.planning import ends, trips, way_points
+from tensegrity_agents.controllers.planar_four_bar.reading import configuration, force_across, read
+from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_envs.mechanics import PlanarFourBar
+from tensegrity_envs.seeding import VALIDATION_SEED
+
+REACH, LOADED = "tensegrity/PlanarFourBarReach-v0", "tensegrity/PlanarFourBarLoadedReach-v0"
+ARM = PlanarFourBar()
+
+
+def make_vec(env_id, count):
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point")
+
+
+@pytest.mark.parametrize(
+    ("env_id", "name", "least", "most"),
+    [
+        (REACH, "closed_form_ik", 0.98, 1.0),
+        (REACH, "pseudo_inverse", 0.97, 1.0),
+        (REACH, "observer", 0.98, 1.0),
+        (REACH, "oracle", 0.98, 1.0),
+        (REACH, "random", 0.0, 0.05),
+        (LOADED, "closed_form_ik", 0.0, 0.3),
+        (LOADED, "pseudo_inverse", 0.5, 0.9),
+        (LOADED, "observer", 0.95, 1.0),
+        (LOADED, "oracle", 0.97, 1.0),
+    ],
+)
+def test_success(env_id, name, least, most):
+    run = evaluate(make_controller(name, env_id), env_id, 150, VALIDATION_SEED, name)
+    assert least <= run.columns["success"].mean() <= most
+
+
+def test_readings_undo_the_observation():
+    for env_id in (REACH, LOADED):
+        envs = make_vec(env_id, 50)
+        observation, info = envs.reset(seed=0)
+        reading = read(observation, envs.unwrapped.core)
+        np.testing.assert_allclose(reading.lengths, info["actuator_lengths"], atol=5e-6)
+        gap = configuration(ARM, reading) - info["configuration"]
+        assert np.abs(np.arctan2(np.sin(gap), np.cos(gap))).max() < 1e-5
+        across, pull = force_across(ARM, reading)
+        np.testing.assert_allclose(pull, (across * info["load"]).sum(axis=1), atol=0.02)
+
+
+def test_the_observer_knows_the_force_after_two_steps():
+    envs = make_vec(LOADED, 100)
+    observation, info = envs.reset(seed=VALIDATION_SEED)
+    observer = make_controller("observer", LOADED)
+    observer.begin_episodes(np.ones(100, bool), envs.unwrapped.design, None)
+    state, start, load = None, np.ones(100, bool), info["load"].copy()
+    for _ in range(4):
+        action, state = observer.predict(observation, state, start)
+        observation, _, terminated, truncated, _ = envs.step(action)
+        start = terminated | truncated
+    error = np.hypot(*(observer._load(read(observation, envs.unwrapped.core), state) - load).T)
+    assert np.median(error) < 0.02
+    assert error[~start].max() < 5.0
+
+
+def test_trips_are_what_the_environment_does():
+    """A planned leg, followed in the environment step by step, ends where the plan says, or snaps."""
+    envs = make_vec(LOADED, 60)
+    observation, info = envs.reset(seed=7)
+    core = envs.unwrapped.core
+    load, start = info["load"].copy(), info["actuator_lengths"].copy()
+    goal = way_points(ARM, 60, seed=3)
+    points = np.stack([start, goal, goal, goal], axis=1)
+    tips, margin = trips(ARM, info["configuration"].copy(), points, load)
+    end, failed, active = np.full((60, 2), np.nan), np.zeros(60, bool), np.ones(60, bool)
+    for _ in range(99):
+        gap = goal - info["actuator_lengths"]
+        step = gap / np.maximum(np.abs(gap).max(axis=1, keepdims=True), core.simulation.rate)
+        observation, _, terminated, _, info = envs.step(step)
+        failed |= terminated & active
+        active &= ~terminated
+        end[active] = observation["achieved_goal"][active]
+    stable = margin > 0.01
+    assert stable.sum() > 20
+    assert not failed[stable].any()
+    np.testing.assert_allclose(end[stable], tips[stable], atol=1e-4)
+    assert failed[margin < -0.5].mean() > 0.5
+
+
+def test_ends_are_the_inverse_solutions():
+    target, load = np.array([[2.0, 15.0], [0.0, 14.0], [100.0, 0.0]]), np.array([[0.0, 0.0], [20.0, 20.0], [0.0, 0.0]])
+    index, lengths = ends(ARM, target, load, (0.2, 19.8))
+    for k in range(3):
+        expected = [s.lengths for s in ARM.inverse_kinematics(*target[k], load[k]) if s.is_stable]
+        found = sorted(map(tuple, lengths[index == k].tolist()))
+        assert len(found) >= len(expected)
+        for solution in expected:
+            assert min((np.abs(np.subtract(solution, f)).max() for f in found), default=1.0) < 1e-9
+
+
+def test_an_oracle_without_the_truth_says_so():
+    with pytest.raises(ValueError, match="privileged"):
+        make_controller("oracle", LOADED).begin_episodes(np.ones(1, bool), ARM.design, None)
