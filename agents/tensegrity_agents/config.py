@@ -61,6 +61,9 @@ class TrainConfig(_Strict):
     net_arch: list[int] = Field([128, 128], min_length=1)
     activation: Literal["relu", "tanh"] = "relu"
     goal_error_scales: list[float] = Field([0.5, 0.1, 0.02], min_length=1, description="see GoalErrorExtractor")
+    goal_scale: float = Field(
+        0.5, gt=0, description="divides goals before the network sees them [m]; such as half the reach"
+    )
     goal_is_angles: bool = Field(False, description="goals are angles on the torus, see GoalErrorExtractor")
     env_options: dict[str, Any] = Field({}, description="further arguments of the environment while training")
     ppo: PPOSettings = PPOSettings()

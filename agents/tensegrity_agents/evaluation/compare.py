@@ -16,7 +16,7 @@ from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.evaluation.results import Run, write_csv
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.sb3.policy_file import TrainedPolicy, load_policy
-from tensegrity_agents.sb3.training import CURVE, read_curve, train
+from tensegrity_agents.sb3.training import CURVE, read_curve, train, with_later_settings
 from tensegrity_envs.seeding import TEST_SEED
 
 KINDS = {"oracle": "oracle", "random": "random"}
@@ -79,7 +79,10 @@ def _finished(home: Path, experiment: Experiment) -> TrainedPolicy | None:
         return None
     policy = load_policy(home, experiment.env)
     settings = experiment.train.model_dump(mode="json")
-    same = policy.description.get("train") == settings and policy.description["env"] == experiment.env
+    same = (
+        with_later_settings(policy.description.get("train", {}), settings) == settings
+        and policy.description["env"] == experiment.env
+    )
     return policy if same else None
 
 

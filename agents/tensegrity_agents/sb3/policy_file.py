@@ -74,14 +74,23 @@ class TrainedPolicy:
 
 
 def policy_kwargs(
-    algorithm: str, net_arch: list[int], activation: str, goal_error_scales: list[float], goal_is_angles: bool = False
+    algorithm: str,
+    net_arch: list[int],
+    activation: str,
+    goal_error_scales: list[float],
+    goal_is_angles: bool = False,
+    goal_scale: float = 0.5,
 ) -> dict[str, Any]:
     """Arguments of the SB3 policy class, from what the JSON file records."""
     return {
         "net_arch": list(net_arch),
         "activation_fn": _ACTIVATIONS[activation],
         "features_extractor_class": GoalErrorExtractor,
-        "features_extractor_kwargs": {"scales": tuple(goal_error_scales), "angles": goal_is_angles},
+        "features_extractor_kwargs": {
+            "scales": tuple(goal_error_scales),
+            "angles": goal_is_angles,
+            "goal_scale": goal_scale,
+        },
     }
 
 
@@ -136,7 +145,7 @@ def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
         description = json.loads(description_file.read_text())
         wanted = description["env"], description["algorithm"], description["sha256"], description["format"]
         settings = [description[key] for key in ("net_arch", "activation", "goal_error_scales")]
-        settings.append(bool(description.get("goal_is_angles", False)))
+        settings += [bool(description.get("goal_is_angles", False)), float(description.get("goal_scale", 0.5))]
         clip, epsilon = (float(description["normalization"][key]) for key in ("clip", "epsilon"))
         shapes, action_size = description["observation_shapes"], description["action_size"]
     except (ValueError, KeyError, TypeError) as error:

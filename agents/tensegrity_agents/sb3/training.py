@@ -113,6 +113,7 @@ def train(
         "activation": settings.activation,
         "goal_error_scales": settings.goal_error_scales,
         "goal_is_angles": settings.goal_is_angles,
+        "goal_scale": settings.goal_scale,
         "seed": seed,
         "timesteps": model.num_timesteps,
         "training_seconds": round(time.monotonic() - begun, 1),
@@ -122,6 +123,16 @@ def train(
     env.close()
     model.policy.set_training_mode(False)
     return TrainedPolicy(model.policy, normalization, description)
+
+
+def with_later_settings(before: dict[str, Any], described: dict[str, Any]) -> dict[str, Any]:
+    """Settings as they were recorded, completed by those that came later, which had their default then."""
+    later = {
+        key: field.get_default(call_default_factory=True)
+        for key, field in TrainConfig.model_fields.items()
+        if not field.is_required()
+    }
+    return {key: later[key] for key in described if key in later} | before
 
 
 def read_curve(path: Path) -> dict[str, np.ndarray]:
@@ -147,7 +158,7 @@ def _environment(experiment: Experiment) -> VecNormalize:
 
 def _model(experiment: Experiment, env: VecNormalize, seed: int) -> BaseAlgorithm:
     s = experiment.train
-    kwargs = policy_kwargs(s.algorithm, s.net_arch, s.activation, s.goal_error_scales, s.goal_is_angles)
+    kwargs = policy_kwargs(s.algorithm, s.net_arch, s.activation, s.goal_error_scales, s.goal_is_angles, s.goal_scale)
     if s.algorithm == "ppo":
         p = s.ppo
         rollout = p.n_steps * p.num_envs
@@ -247,9 +258,7 @@ def _restore(
     """Read a checkpoint into model and environment: (seconds, segment, learning curve so far)."""
     try:
         content = torch.load(path, weights_only=True)
-        # Settings that came later had their default then.
-        later = {key: field.default for key, field in TrainConfig.model_fields.items() if not field.is_required()}
-        before = {key: later[key] for key in described if key in later} | content["described"]
+        before = with_later_settings(content["described"], described)
     except Exception as error:
         raise TrainingError(
             f"{path} cannot be read as a checkpoint ({error}); delete it (or use --fresh) to start anew"
