@@ -214,6 +214,11 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             self._masks = {f"_{key}": self._all for key in info}
         return info | self._masks
 
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the threads of a dynamic simulation."""
+        if self.core.engine is not None:
+            self.core.engine.model.close()
+
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
         """See `ManipulatorEnv.compute_reward`; `info` may also be the dict of arrays that `step` returns."""
         return self.core.compute_reward(achieved_goal, desired_goal, info)

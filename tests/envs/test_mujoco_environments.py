@@ -1,6 +1,7 @@
 """The dynamic environments agree with the quasi-static ones where both say the same, and report what goes wrong."""
 
 import os
+import shutil
 import subprocess
 import sys
 
@@ -177,6 +178,22 @@ def test_without_a_display_windows_are_refused_in_words():
     found = run_python(code, MUJOCO_GL="glfw")
     assert found.returncode == 1
     assert "apt install libegl1" in found.stderr
+
+
+@pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="no xvfb-run (Debian: apt install xvfb)")
+def test_the_viewer_opens_and_closes_on_a_virtual_display():
+    code = (
+        "import gymnasium, tensegrity_envs\n"
+        "env = gymnasium.make('tensegrity/DualTriangleReachMuJoCo-v0', render_mode='human')\n"
+        "env.reset(seed=0)\nenv.step(env.action_space.sample())\n"
+        "print('running' if env.unwrapped._pictures._viewer.is_running() else 'closed')\nenv.close()"
+    )
+    command = ["xvfb-run", "-a", sys.executable, "-c", code]
+    found = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    if "GLFW" in found.stderr or "OpenGL" in found.stderr:
+        pytest.skip(f"no OpenGL on the virtual display: {found.stderr.strip().splitlines()[-1]}")
+    assert found.returncode == 0, found.stderr
+    assert "running" in found.stdout
 
 
 def test_without_mujoco_the_rest_runs_and_its_ids_name_the_extra():

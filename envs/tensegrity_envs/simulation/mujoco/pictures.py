@@ -1,5 +1,6 @@
 """Pictures of the dynamic simulations by MuJoCo itself: offscreen, or in its viewer."""
 
+import threading
 from copy import copy
 from typing import Any
 
@@ -28,6 +29,7 @@ class Pictures:
         self._data = mujoco.MjData(self._model)
         self._renderers: dict[tuple[int, bool], Any] = {}
         self._viewer: Any = None
+        self._threads: set[threading.Thread] = set()
 
     def rgb(self, physics: np.ndarray, scene: Scene, size: int) -> np.ndarray:
         """The picture, shape (size, size, 3), uint8.
@@ -62,9 +64,11 @@ class Pictures:
             require_display()
             import mujoco.viewer
 
+            before = set(threading.enumerate())
             self._viewer = mujoco.viewer.launch_passive(
                 self._model, self._data, show_left_ui=False, show_right_ui=False
             )
+            self._threads = set(threading.enumerate()) - before
             with self._viewer.lock():
                 self._viewer.cam.type = mujoco.mjtCamera.mjCAMERA_FIXED
                 self._viewer.cam.fixedcamid = self._model.camera("front").id
@@ -83,6 +87,8 @@ class Pictures:
         self._renderers.clear()
         if self._viewer is not None:
             self._viewer.close()
+            for thread in self._threads:  # one that still draws when Python ends would crash it
+                thread.join(timeout=10)
             self._viewer = None
 
     def _renderer(self, size: int, depth: bool) -> Any:
