@@ -6,7 +6,6 @@ import gymnasium as gym
 
 from tensegrity_envs.core import Core
 from tensegrity_envs.env import ManipulatorEnv
-from tensegrity_envs.simulation.mujoco.displays import require_display
 
 
 class MujocoManipulatorEnv(ManipulatorEnv):
@@ -21,7 +20,6 @@ class MujocoManipulatorEnv(ManipulatorEnv):
 
     Raises:
         ImportError: MuJoCo is not installed.
-        RuntimeError: render_mode is "human", and there is no display.
     """
 
     metadata = {"render_modes": ["rgb_array", "depth_array", "human"], "render_fps": 50}  # noqa: RUF012
@@ -33,8 +31,6 @@ class MujocoManipulatorEnv(ManipulatorEnv):
         if self.core.engine is None:
             raise ValueError("backend = 'quasi_static': MujocoManipulatorEnv needs 'mujoco'")
         self._pictures: Any = None
-        if render_mode == "human":
-            require_display()
 
     def render(self) -> Any:
         """The picture (rgb_array: shape (render_size, render_size, 3), uint8; depth_array: shape (render_size,

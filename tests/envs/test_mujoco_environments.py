@@ -165,7 +165,7 @@ def run_python(code, **environment):
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="displays are told from the environment on Linux")
 def test_without_a_display_windows_are_refused_in_words():
     env_id = "tensegrity/DualTriangleReachMuJoCo-v0"
-    code = f"import gymnasium, tensegrity_envs; gymnasium.make({env_id!r}, render_mode='human')"
+    code = f"import gymnasium, tensegrity_envs; gymnasium.make({env_id!r}, render_mode='human').reset()"
     found = run_python(code)
     assert found.returncode == 1
     assert "xvfb" in found.stderr
