@@ -6,6 +6,7 @@ of one column, the vector shell of n; both run the same machine code.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -18,10 +19,9 @@ from tensegrity_envs.mechanics.namespace import Component, Components, namespace
 from tensegrity_envs.mechanics.structure import Layout, is_row, leaves
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.rendering import Scene
-from tensegrity_envs.simulation.dynamic import Command, DynamicControl, Motion
+from tensegrity_envs.simulation.dynamic import Command, Drivable, DynamicControl, Motion
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Episode, Simulation, State
-from tensegrity_envs.simulation.quasi_static import InputControl
 from tensegrity_envs.tasks import Task
 
 if TYPE_CHECKING:
@@ -118,8 +118,13 @@ def tip_inputs_and_angles(
         if not everything:
             rows = velocities_of.jacobian(state.configuration)
             rates = tuple(sum(d * rate for d, rate in zip(row, rates, strict=True)) / reach for row in rows)
-        parts += [_RATE_SCALE * rate / (1 + abs(_RATE_SCALE * rate)) for rate in rates]
+        parts += squashed(rates)
     return parts
+
+
+def squashed(rates: Iterable[Component]) -> list[Component]:
+    """v / (1 + |v|), v being rates [1/s] times 0.2 s."""
+    return [_RATE_SCALE * rate / (1 + abs(_RATE_SCALE * rate)) for rate in rates]
 
 
 class Core(ABC):
@@ -191,7 +196,7 @@ class Core(ABC):
 
     def set_simulation(
         self,
-        control: InputControl,
+        control: Drivable,
         backend: Literal["quasi_static", "mujoco"],
         dynamics: Dynamics | dict[str, Any] | None,
         usual: Dynamics,
@@ -419,7 +424,8 @@ class Core(ABC):
         rows = self.states.rows
         inputs = tuple(outcomes[list(rows.inputs)])
         actuation = np.stack(self.simulation.actuation(self.nominal, inputs))
-        outcomes[list(rows.physics)] = self.engine.begin(outcomes[list(rows.configuration)], actuation)
+        u = self.simulation.coordinates(self.nominal, tuple(outcomes[list(rows.configuration)]), inputs)
+        outcomes[list(rows.physics)] = self.engine.begin(np.stack(u), actuation)
 
     def _with_noise(self, episodes: np.ndarray, states: np.ndarray, later: int) -> np.ndarray:
         """The states with the noise of so many steps later."""
@@ -457,6 +463,7 @@ class Core(ABC):
             joint_damping=damping * own.joint_damping,
             bar_line_density=mass * own.bar_line_density,
             tip_mass=mass * own.tip_mass,
+            platform_mass=mass * own.platform_mass,
         )
         return self.mechanism(episode.design), dynamics
 

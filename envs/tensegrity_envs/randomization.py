@@ -21,7 +21,7 @@ class Randomization:
 
     Attributes:
         stiffness: factor of all spring stiffnesses.
-        mass: factor of all masses of bars, and of the mass at the tip.
+        mass: factor of all masses of bars or platform, and of the mass at the tip.
         damping: factor of the joints' viscous damping.
         payload: at the tip [kg].
         actuation_delay: whole steps after which an action is taken; until then the inputs stay as they are.

@@ -106,6 +106,20 @@ ENTRIES = (
         {"load_range": (0.0, 0.2), "observe": "tip_and_inputs"},
     ),
     Entry(
+        "tensegrity/PlanarFourBarReachMuJoCo-v0",
+        "planar 4-bar tensegrity with its dynamics, actuator length increments, no load",
+        "PlanarFourBarReach",
+        {"backend": "mujoco", "observe_velocities": True},
+        150,
+    ),
+    Entry(
+        "tensegrity/SpatialPrismTrackMuJoCo-v0",
+        "spatial prism with its dynamics, length increments: follow a closed curve in space for two cycles",
+        "SpatialPrismTrack",
+        {"backend": "mujoco", "observe_velocities": True},
+        400,
+    ),
+    Entry(
         "tensegrity/SpatialPrismTrack-v0",
         "spatial prism of three struts, length increments: follow a closed curve in space for two cycles",
         "SpatialPrismTrack",

@@ -14,6 +14,7 @@ from tensegrity_envs.simulation import FAILURES
 
 pytest.importorskip("mujoco")
 IDS = [env_id for env_id in tensegrity_envs.ENV_IDS if "MuJoCo" in env_id]
+ENDS = {"PlanarFourBarReach": ("singular", "buckled"), "SpatialPrismTrack": ("singular", "buckled")}  # of episodes
 every_id = pytest.mark.parametrize("env_id", IDS)
 
 
@@ -72,7 +73,7 @@ def test_bang_bang_actions_neither_flip_nor_break_the_simulation(env_id):
         assert all(np.isfinite(part).all() for part in observation.values())
         assert np.isfinite(reward).all()
         reasons = set(info.get("final_info", info)["termination_reason"])
-        assert reasons <= {"", "joint limit"}
+        assert reasons <= {"", *ENDS.get(gym.spec(env_id).kwargs["arm"], ("joint limit",))}
 
 
 def test_a_simulation_that_diverges_is_a_failure_with_that_reason():
@@ -96,8 +97,9 @@ def test_slack_cables_beyond_their_limit_end_the_episode():
     from dataclasses import replace
 
     from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION
-    from tensegrity_envs.simulation.dynamic import LARGEST_SLACK, DynamicControl, Motion
+    from tensegrity_envs.simulation.dynamic import DynamicControl, Motion
     from tensegrity_envs.simulation.protocol import Episode, State
+    from tensegrity_envs.simulation.quasi_static import LARGEST_SLACK
 
     design = replace(ZHAO2021_CAPTION, springs="cable")
     env = gym.make("tensegrity/DualTriangleReachMuJoCo-v0", design=design)

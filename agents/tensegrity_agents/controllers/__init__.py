@@ -11,6 +11,7 @@ import gymnasium as gym
 
 from tensegrity_agents.controllers import dual_triangle, planar_four_bar, spatial_prism, two_x, two_x_posture
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
+from tensegrity_agents.controllers.dynamic_lengths import FourBarFeedback, FourBarWay, PrismFeedback, PrismWay
 from tensegrity_agents.controllers.random import RandomController
 from tensegrity_envs.core import Core
 
@@ -57,7 +58,7 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
     },
 }
 
-# The same of the dynamic environments: quasi-static controllers, led along ramps or damped.
+# The same of the dynamic environments: quasi-static controllers, led along ramps, shaped or damped.
 DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
     "TwoXReach": {
         "closed_form_ramp": partial(Ramp, base=two_x.ClosedFormIK),
@@ -69,6 +70,21 @@ DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
         "pseudo_inverse": partial(Feedback, base=dual_triangle.PseudoInverse),
         "observer": partial(Ramp, base=dual_triangle.Observer),
         "oracle": partial(Ramp, base=dual_triangle.Oracle),
+    },
+    "PlanarFourBarReach": {
+        "closed_form_ik": partial(FourBarWay, base=planar_four_bar.ClosedFormIK, pace="full", damped=False),
+        "closed_form_shaped": partial(FourBarWay, base=planar_four_bar.ClosedFormIK, pace="shaped", damped=False),
+        "closed_form_damped": partial(FourBarWay, base=planar_four_bar.ClosedFormIK, pace="full"),
+        "closed_form_ramp": partial(FourBarWay, base=planar_four_bar.ClosedFormIK),
+        "pseudo_inverse": partial(FourBarFeedback, base=planar_four_bar.PseudoInverse),
+        "oracle": partial(FourBarWay, base=planar_four_bar.Oracle),
+    },
+    "SpatialPrismTrack": {
+        "closed_form_ik": partial(PrismWay, base=spatial_prism.ClosedFormIK, damped=False),
+        "closed_form_shaped": partial(PrismWay, base=spatial_prism.ClosedFormIK, pace="shaped", damped=False),
+        "closed_form_damped": partial(PrismWay, base=spatial_prism.ClosedFormIK),
+        "pseudo_inverse": partial(PrismFeedback, base=spatial_prism.PseudoInverse),
+        "oracle": partial(PrismWay, base=spatial_prism.Oracle),
     },
 }
 

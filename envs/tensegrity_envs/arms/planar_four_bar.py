@@ -1,17 +1,25 @@
 """The planar 4-bar mechanism as a reaching environment, loaded or not."""
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
 from tensegrity_envs.arms.planar_four_bar_sampling import Sampler
-from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_angles
-from tensegrity_envs.mechanics.namespace import Component, Components, to_single
+from tensegrity_envs.core import Core, Drawn, sees_everything, squashed, tip_inputs_and_angles
+from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
+from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.simulation.actuator_lengths import LARGEST_THRUST, LoadedLengthControl, RectangleControl
+from tensegrity_envs.simulation.dynamic import DynamicControl
+from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import Episode, State
+from tensegrity_envs.simulation.skeleton import side_of_diagonals
 from tensegrity_envs.tasks import InputReach, ReachWeights
+
+# A bar of 2 kg and 10 m swings once in a second or two, so that a step takes 0.1 s.
+DYNAMICS = Dynamics(joint_damping=50.0, servo_time=0.004, timestep=0.004, frame_skip=25)
 
 
 class PlanarFourBarReach(Core):
@@ -26,12 +34,20 @@ class PlanarFourBarReach(Core):
         reward_weights: of the dense reward, by name; those left out keep their default, but for effort, which is 0:
             an actuator's length is no effort.
         tolerance: success within this distance [m].
+        backend: "quasi_static", or "mujoco" for dynamics (without a load).
+        dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`. By default its
+            own, but for a joint damping of 50 N m s/rad, time steps and servo time of 4 ms, 25 time steps in a step.
+        observe_velocities: whether velocities are observed; those of a quasi-static mechanism are zero.
+        randomization: what differs from episode to episode, by name; see `randomization.Randomization`.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
         TypeError: `design` is not a design.
+        ImportError: backend = "mujoco", and MuJoCo is not installed.
     """
 
+    simulation: LoadedLengthControl | DynamicControl
+    design: PlanarFourBarDesign
     input_name = "actuator_lengths"
     hidden_names = ("load",)
     control = "actuator_lengths"
@@ -44,6 +60,10 @@ class PlanarFourBarReach(Core):
         reward_type: Literal["dense", "sparse"] = "dense",
         reward_weights: dict[str, float] | ReachWeights | None = None,
         tolerance: float = 0.05,
+        backend: Literal["quasi_static", "mujoco"] = "quasi_static",
+        dynamics: Dynamics | dict[str, Any] | None = None,
+        observe_velocities: bool = False,
+        randomization: Randomization | dict[str, Any] | None = None,
     ) -> None:
         self.nominal = PlanarFourBar(design)
         if design.is_batch:
@@ -51,8 +71,15 @@ class PlanarFourBarReach(Core):
         self.design = design
         self.reach = float(self.nominal.reach)
         self.observe_all = sees_everything(observe)
-        kind = RectangleControl if load_range is None else LoadedLengthControl
-        self.simulation: LoadedLengthControl = kind(self.nominal)
+        self.observe_velocities = observe_velocities
+        if load_range is not None and backend != "quasi_static":
+            raise ValueError(f"load_range = {load_range!r}: there are no dynamics under a load yet; give None")
+        applicable = {"actuation_delay", "tip_noise", "angle_noise"}
+        applicable |= {"stiffness"} if load_range is None else set()  # loaded targets depend on it
+        applicable |= {"mass", "damping"} if backend == "mujoco" else set()
+        self.randomization = Randomization.given(randomization, applicable, f"a {backend} planar 4-bar mechanism")
+        control = (RectangleControl if load_range is None else LoadedLengthControl)(self.nominal)
+        self.set_simulation(control, backend, dynamics, DYNAMICS)
         if not isinstance(reward_weights, ReachWeights):
             reward_weights = {"effort": 0.0} | (reward_weights or {})
         self.task = InputReach(
@@ -64,8 +91,9 @@ class PlanarFourBarReach(Core):
         )
         # Under an unknown force solutions on this side and on the other cannot be told apart for relabelled goals.
         self.with_solutions = load_range is None and reward_type == "dense"
-        self.sampler = Sampler(self.nominal, self.simulation, load_range)
-        self.set_spaces(4 + (6 if self.observe_all else 0))
+        self.sampler = Sampler(self.nominal, control, load_range)
+        velocities = (4 if self.observe_all else 2) if observe_velocities else 0
+        self.set_spaces(4 + (6 if self.observe_all else 0) + velocities)
 
     def mechanism(self, design: PlanarFourBarDesign) -> PlanarFourBar:
         """See `Core.mechanism`."""
@@ -73,12 +101,14 @@ class PlanarFourBarReach(Core):
 
     def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
         """See `Core.draw`."""
+        random = self.randomization.draw(seed, episode)
         start = self.sampler.draw(seed, episode)
         goal = tuple(to_single(component) for component in start.target)
-        solutions = self._solutions(goal, start.configuration, start.lengths)
-        return Drawn(Episode(self.design, start.load, (), goal, solutions), start.configuration, start.lengths)
+        solutions = self._solutions(goal, start.configuration)
+        episodes = Episode(self._randomized(random), start.load, (), goal, solutions, random)
+        return Drawn(episodes, start.configuration, start.lengths)
 
-    def _solutions(self, goal: Components, q: Components, lengths: Components) -> tuple[Components, ...]:
+    def _solutions(self, goal: Components, q: Components) -> tuple[Components, ...]:
         """Actuator lengths of the unloaded rectangles, on the side of a state, with F at goals of shape (n,) [m].
 
         Four; those that do not exist are out of reach.
@@ -86,14 +116,38 @@ class PlanarFourBarReach(Core):
         if not self.with_solutions:
             return ()
         found, sides, exists = rectangles(self.nominal, *goal)
-        fits = exists & (sides == self.nominal.side_of(q, lengths))
+        fits = exists & (sides == side_of_diagonals(q))
         found = np.where(fits, found, 100 * self.reach)
         return tuple((found[0, k], found[1, k]) for k in range(4))
 
+    def _randomized(self, random: dict[str, np.ndarray]) -> PlanarFourBarDesign:
+        """The design with the stiffnesses that episodes have drawn; unloaded rectangles do not depend on them."""
+        factor = random.get("stiffness")
+        return self.design if factor is None else replace(self.design, stiffness=self.design.stiffness * factor)
+
     def observation(self, state: State, episode: Episode) -> list[Component]:
-        """See `core.tip_inputs_and_angles`."""
+        """See `core.tip_inputs_and_angles`.
+
+        Velocities are the rates of alpha, beta, theta and gamma (4), or, if not everything is observed, the velocity of
+        F divided by the reach (2).
+        """
         bounds = self.simulation.bounds(self.nominal)
-        return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all)
+        parts = tip_inputs_and_angles(state, self.reach, bounds, self.observe_all)
+        if not self.observe_velocities:
+            return parts
+        still = 0.0 * state.tip[0]
+        rates = state.velocity or (still,) * 4
+        return parts + squashed(rates if self.observe_all else self._tip_velocity(state, rates))
+
+    def _tip_velocity(self, state: State, rates: Components) -> Components:
+        """Of F, divided by the reach [1/s]: bar BC turns C about B, and bar CF turns F about C."""
+        (_, beta), gamma = self.nominal.base_angles(state.inputs), state.configuration[1]
+        xp = namespace_of(beta, gamma)
+        _, base, _, bar = rates
+        share = self.nominal.length / self.reach
+        x = base * xp.sin(beta) - bar * xp.sin(gamma)
+        y = base * xp.cos(beta) + bar * xp.cos(gamma)
+        return share * x, share * y
 
     def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
         """The force on F and the thrusts of the actuators [N]."""
@@ -102,9 +156,10 @@ class PlanarFourBarReach(Core):
 
     def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
-        q, lengths = (tuple(np.asarray(info[name], float).T) for name in ("configuration", self.input_name))
-        load = tuple(np.asarray(info["load"], float).T)
-        return Episode(self.design, load, (), goal, self._solutions(goal, q, lengths))
+        names = ("stiffness",)
+        design = self._randomized({k: np.asarray(info[f"random_{k}"]) for k in names if f"random_{k}" in info})
+        q, load = (tuple(np.asarray(info[name], float).T) for name in ("configuration", "load"))
+        return Episode(design, load, (), goal, self._solutions(goal, q))
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""

@@ -6,16 +6,21 @@ from typing import Any, Literal
 import numpy as np
 
 from tensegrity_envs.arms.spatial_prism_sampling import GRAVITY, HARMONICS, Sampler
-from tensegrity_envs.core import Core, Drawn, sees_everything
+from tensegrity_envs.core import Core, Drawn, sees_everything, squashed
 from tensegrity_envs.mechanics.namespace import Component, Components
 from tensegrity_envs.mechanics.spatial_prism import JAHROMY, SpatialPrism, SpatialPrismDesign
+from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.rendering import Scene
 from tensegrity_envs.rendering_spatial import project
+from tensegrity_envs.simulation.dynamic import DynamicControl
 from tensegrity_envs.simulation.lengths import LengthControl
+from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.tasks import Track, TrackWeights
 
 AHEAD = (1, 2, 5, 10)  # steps of the look-ahead
+# 200 steps, a cycle, stand for 10 s. What is at the centroid has no mass of its own.
+DYNAMICS = Dynamics(tip_mass=0.0, joint_damping=0.05, servo_time=0.002, timestep=0.002, frame_skip=25)
 
 
 class SpatialPrismTrack(Core):
@@ -35,13 +40,21 @@ class SpatialPrismTrack(Core):
         reward_weights: of the dense reward, by name; those left out keep their default.
         tolerance: success within this distance all through the second cycle [m].
         cycle: steps of a cycle.
+        backend: "quasi_static", or "mujoco" for dynamics. A payload then has weight, but no inertia.
+        dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`. By default its
+            own, but for no mass at the tip, a joint damping of 0.05 N m s/rad (of the orientation), time steps and
+            servo time of 2 ms, 25 time steps in a step.
+        observe_velocities: whether velocities are observed; those of a quasi-static prism are zero.
+        randomization: what differs from episode to episode, by name; see `randomization.Randomization`.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
         TypeError: `design` is not a design.
+        ImportError: backend = "mujoco", and MuJoCo is not installed.
     """
 
-    simulation: LengthControl
+    simulation: LengthControl | DynamicControl
+    design: SpatialPrismDesign
     input_name = "lengths"
     control = "lengths"
 
@@ -55,6 +68,10 @@ class SpatialPrismTrack(Core):
         reward_weights: dict[str, float] | TrackWeights | None = None,
         tolerance: float = 0.002,
         cycle: int = 200,
+        backend: Literal["quasi_static", "mujoco"] = "quasi_static",
+        dynamics: Dynamics | dict[str, Any] | None = None,
+        observe_velocities: bool = False,
+        randomization: Randomization | dict[str, Any] | None = None,
     ) -> None:
         if not isinstance(design, SpatialPrismDesign):
             raise TypeError(
@@ -64,8 +81,14 @@ class SpatialPrismTrack(Core):
         self.nominal = SpatialPrism(design)
         self.observe_all = sees_everything(observe)
         self.hidden_names = () if payload_range is None else ("load",)
-        self.simulation = LengthControl(self.nominal, payload_range is not None)
-        self.sampler = Sampler(self.nominal, self.simulation, trajectory, cycle, payload_range)
+        self.observe_velocities = observe_velocities
+        applicable = {"actuation_delay", "tip_noise"}
+        applicable |= {"stiffness"} if payload_range is None else set()  # loaded starts depend on it
+        applicable |= {"mass", "damping"} if backend == "mujoco" else set()
+        self.randomization = Randomization.given(randomization, applicable, f"a {backend} spatial prism")
+        control = LengthControl(self.nominal, payload_range is not None)
+        self.set_simulation(control, backend, dynamics, DYNAMICS)
+        self.sampler = Sampler(self.nominal, control, trajectory, cycle, payload_range)
         self.cycle = cycle
         longest = float(self.simulation.bounds(self.nominal)[1])
         self.task = Track(
@@ -77,7 +100,8 @@ class SpatialPrismTrack(Core):
         )
         # |r|^2 = mean (l_i^2 - |b_i - a_i|^2) at any orientation: no centroid is farther than a strut can be long
         self.reach = longest
-        self.set_spaces(3 + 3 + 3 * len(AHEAD) + (3 + 2 if self.observe_all else 0), goal_size=3)
+        size = 3 + 3 + 3 * len(AHEAD) + (3 + 2 if self.observe_all else 0)
+        self.set_spaces(size + ((6 if self.observe_all else 3) if observe_velocities else 0), goal_size=3)
 
     def mechanism(self, design: SpatialPrismDesign) -> SpatialPrism:
         """See `Core.mechanism`."""
@@ -85,6 +109,7 @@ class SpatialPrismTrack(Core):
 
     def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
         """See `Core.draw`."""
+        random = self.randomization.draw(seed, episode)
         drawn = self.sampler.draw(seed, episode)
         load: Components = ()
         if self.hidden_names:
@@ -92,18 +117,32 @@ class SpatialPrismTrack(Core):
             load = (none, none, -GRAVITY * drawn.payload)
         onset = drawn.onset if self.hidden_names else None
         episodes = Episode(
-            self.design, load, (), drawn.curve.mean, onset=onset, motion=drawn.curve.motion, cycle=self.cycle
+            self._randomized(random),
+            load,
+            (),
+            drawn.curve.mean,
+            random=random,
+            onset=onset,
+            motion=drawn.curve.motion,
+            cycle=self.cycle,
         )
         position = episodes.goal_at(np.zeros(len(seed)))
         still = np.zeros(len(seed))
         return Drawn(episodes, (*position, still, still, still), self.nominal.inverse_kinematics(position))
+
+    def _randomized(self, random: dict[str, np.ndarray]) -> SpatialPrismDesign:
+        """The design with the stiffnesses that episodes have drawn; unloaded poses do not depend on them."""
+        factor = random.get("stiffness")
+        return self.design if factor is None else replace(self.design, k=self.design.k * factor)
 
     def observation(self, state: State, episode: Episode) -> list[Component]:
         """Components of the "observation" entry, each within [-1, 1].
 
         Tip / reach (3), lengths from -1 at the struts' shortest to 1 at their longest (3); for 1, 2, 5 and 10 steps
         ahead the goal then minus the tip now, in steps at full rate, v, as v / (1 + |v|) (3 each); and, if everything
-        is observed, the rotation vector / pi (3), stability and wrench margin m as m / (1 + |m|) (2).
+        is observed, the rotation vector / pi (3), stability and wrench margin m as m / (1 + |m|) (2). Last, if
+        velocities are observed, v / (1 + |v|) of the centroid's velocity times 0.2 s / d (3), and, if everything is
+        observed, of the angular velocity times 0.2 s (3).
         """
         low, high = self.simulation.bounds(self.nominal)
         parts: list[Component] = [component / self.reach for component in state.tip]
@@ -115,6 +154,10 @@ class SpatialPrismTrack(Core):
         if self.observe_all:
             parts += [w / np.pi for w in state.configuration[3:]]
             parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
+        if self.observe_velocities:
+            rates = state.velocity or (0.0 * state.tip[0],) * 6
+            parts += squashed(rate / self.design.d for rate in rates[:3])
+            parts += squashed(rates[3:]) if self.observe_all else []
         return parts
 
     def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
@@ -127,13 +170,15 @@ class SpatialPrismTrack(Core):
         load = tuple(np.asarray(info["load"], float).T) if self.hidden_names else ()
         onset = still if self.hidden_names else None
         motion = tuple((still,) * (2 * HARMONICS) for _ in goal)
-        return Episode(self.design, load, (), goal, onset=onset, motion=motion, cycle=self.cycle)
+        names = ("stiffness",)
+        design = self._randomized({k: np.asarray(info[f"random_{k}"]) for k in names if f"random_{k}" in info})
+        return Episode(design, load, (), goal, onset=onset, motion=motion, cycle=self.cycle)
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`; positions in space, which `picture` projects."""
         prism = self.mechanism(episode.design)
         load = episode.load_at(state.time) or (0.0, 0.0, 0.0)
-        q, k = state.configuration, float(self.design.k)
+        q, k = state.configuration, float(prism.design.k)
         forces = [*prism.actuator_forces(q, load), *prism.cable_tensions(q, load)]
         forces += [k * length for length in prism.spring_lengths(q)]
         names = [f"{kind} {i}" for kind in ("strut", "cable", "spring") for i in (1, 2, 3)]
@@ -141,16 +186,21 @@ class SpatialPrismTrack(Core):
             "nodes": {name: place for name, place in prism.nodes(q).items() if name != "P"},
             "members": prism.members,
             "tensions": dict(zip(names, forces, strict=True)),
-            "tension_bounds": (0.0, k * self.reach),
+            "tension_bounds": (0.0, float(self.design.k) * self.reach),
             "base": (),
             "load": load,
             "load_scale": 5.0,
         }
 
     def picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
-        """What `render` draws: an orthographic projection, the curve and the platform's shadow on the ground."""
+        """What `render` draws: an orthographic projection, the curve and the platform's shadow on the ground.
+
+        In a dynamic simulation MuJoCo draws, and positions stay in space.
+        """
         scene = super().picture(episode, state, trace, step)
         curve = [episode.goal_at(t * self.cycle / 100) for t in range(101)]
+        if self.engine is not None:
+            return replace(scene, curve=curve)
         return project(
             replace(scene, reach=1.4 * float(self.design.D)),
             curve,

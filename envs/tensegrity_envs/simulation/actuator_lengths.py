@@ -4,8 +4,9 @@ from typing import Any
 
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
-from tensegrity_envs.simulation.protocol import RUNNING, SINGULAR, WRENCH_INFEASIBLE, Episode, State
+from tensegrity_envs.simulation.protocol import BUCKLED, RUNNING, SINGULAR, WRENCH_INFEASIBLE, Episode, State
 from tensegrity_envs.simulation.quasi_static import STEP_SHARE, InputControl, keep_where
+from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagonals
 
 STROKE = (0.01, 0.99)  # actuator lengths, as shares of 2 L: at 2 L an actuator has no moment arm
 LARGEST_THRUST = 2.0  # times K L; unloaded rectangles never need more
@@ -99,3 +100,37 @@ class RectangleControl(LoadedLengthControl):
         failure = xp.where(singular, SINGULAR, xp.where(wrench < 0, WRENCH_INFEASIBLE, RUNNING))
         new = State(q, lengths, tip, stability, wrench, failure, state.time + 1)
         return keep_where(xp, failure != RUNNING, new, state)
+
+    def coordinates(self, mechanism: PlanarFourBar, q: Components, inputs: Components) -> Components:
+        """See `FourBarSkeleton.coordinates`."""
+        return FourBarSkeleton(mechanism).coordinates(q, inputs)
+
+    def in_motion(
+        self,
+        mechanism: PlanarFourBar,
+        u: Components,
+        velocity: Components,
+        inputs: Components,
+        load: Components,
+        time: Component,
+    ) -> State:
+        """See `InputControl.in_motion`.
+
+        The tip is where bar CF ends; velocities are those of alpha, beta, theta and gamma. The stability
+        margin is that of the Hessian at this moment's configuration, under the commanded lengths.
+        """
+        skeleton = FourBarSkeleton(mechanism)
+        q = skeleton.configuration(u)
+        stability, wrench = LoadedLengthControl.margins(self, mechanism, q, inputs, load)
+        return State(q, inputs, skeleton.tip(u), stability, wrench, RUNNING, time, velocity=skeleton.rates(velocity))
+
+    def failed(self, mechanism: PlanarFourBar, state: State, before: State) -> Component:
+        """Lengths close to a singularity ("singular"), or a snap to the other side of CD ("buckled").
+
+        Which side that is, the bars CF and DE tell; see `side_of_diagonals`.
+        """
+        xp = namespace_of(*state.configuration)
+        square, rest = mechanism.flatness(state.inputs)
+        now, then = side_of_diagonals(state.configuration), side_of_diagonals(before.configuration)
+        failure = xp.where(now * then < 0, BUCKLED, RUNNING)
+        return xp.where(2 * xp.minimum(square, rest) < LEAST_STIFFNESS, SINGULAR, failure)

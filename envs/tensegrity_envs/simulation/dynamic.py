@@ -4,14 +4,13 @@ A step has three parts: `command` (compiled) moves the inputs, an engine simulat
 `arrive` (compiled) judges where the mechanism is.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
-from tensegrity_envs.simulation.protocol import DIVERGED, FLIPPED, JOINT_LIMIT, RUNNING, SLACK, Episode, State
-from tensegrity_envs.simulation.quasi_static import InputControl, keep_where
+from tensegrity_envs.simulation.protocol import DIVERGED, FLIPPED, RUNNING, Episode, State
+from tensegrity_envs.simulation.quasi_static import keep_where
 
 LARGEST_ASSEMBLY_ERROR = 0.05  # a flip goes through larger ones, bang-bang inputs stay below 0.02 (docs/mujoco.md)
-LARGEST_SLACK = 1.0  # of a cable, in nominal free lengths
 
 
 class Command(NamedTuple):
@@ -19,7 +18,7 @@ class Command(NamedTuple):
 
     Attributes:
         state: before the step, with the new inputs and the new time.
-        actuation: tensions [N] or free lengths [m].
+        actuation: tensions [N], free or actuator lengths [m].
         load: at the tip [N].
     """
 
@@ -46,21 +45,62 @@ class Motion(NamedTuple):
     assembly_error: Component
 
 
+class Drivable(Protocol):
+    """A quasi-static simulation that tells a dynamic one what its inputs are; see `InputControl`."""
+
+    action_size: int
+    rate: float
+    rate_unit: str
+
+    def bounds(self, mechanism: Any) -> tuple[Component, Component]:
+        """Lowest and highest value of every input."""
+        ...
+
+    def moved(self, mechanism: Any, inputs: Components, action: Components) -> Components:
+        """The inputs after an action."""
+        ...
+
+    def actuation(self, mechanism: Any, inputs: Components) -> Components:
+        """What the actuators do under these inputs."""
+        ...
+
+    def coordinates(self, mechanism: Any, q: Components, inputs: Components) -> Components:
+        """Those of the dynamic simulation, of a mechanism at rest."""
+        ...
+
+    def start(self, mechanism: Any, episode: Episode, q: Components, inputs: Components | None = None) -> State:
+        """See `Simulation.start`."""
+        ...
+
+    def advance(self, mechanism: Any, episode: Episode, state: State, action: Components) -> State:
+        """See `Simulation.advance`."""
+        ...
+
+    def in_motion(
+        self, mechanism: Any, u: Components, velocity: Components, inputs: Components, load: Components, time: Component
+    ) -> State:
+        """The state of a mechanism that moves."""
+        ...
+
+    def failed(self, mechanism: Any, state: State, before: State) -> Component:
+        """How a mechanism that moves has failed."""
+        ...
+
+
 class DynamicControl:
     """Actions are increments of the inputs, as in a quasi-static simulation; the mechanism follows with its inertia.
 
     Stability margin and wrench margin are those of the analytic mechanism, held by these inputs where it is at that
-    moment: on the way it may pass through states in which it could not rest, which is no failure. Failures are a joint
-    beyond its limit, a simulation that diverged, a loop that flips into another assembly, and a cable slack by more
-    than its nominal free length.
+    moment: on the way it may pass through states in which it could not rest, which is no failure. Failures are those of
+    `Drivable.failed`, a simulation that diverged, and a loop that flips into another assembly.
 
     Args:
         control: which inputs there are, and how fast they are.
-        joints: how many angles there are.
+        joints: how many coordinates there are.
         physics_size: numbers in the engine's state.
     """
 
-    def __init__(self, control: InputControl, joints: int, physics_size: int) -> None:
+    def __init__(self, control: Drivable, joints: int, physics_size: int) -> None:
         self.control = control
         self.action_size, self.rate, self.rate_unit = control.action_size, control.rate, control.rate_unit
         self._joints, self._physics_size = joints, physics_size
@@ -73,6 +113,10 @@ class DynamicControl:
         """See `InputControl.actuation`."""
         return self.control.actuation(mechanism, inputs)
 
+    def coordinates(self, mechanism: Any, q: Components, inputs: Components) -> Components:
+        """See `Drivable.coordinates`."""
+        return self.control.coordinates(mechanism, q, inputs)
+
     def start(self, mechanism: Any, episode: Episode, q: Components, inputs: Components | None) -> State:
         """See `Simulation.start`; the engine fills in the physics."""
         state = self.control.start(mechanism, episode, q, inputs)
@@ -83,7 +127,8 @@ class DynamicControl:
         inputs = self.control.moved(mechanism, state.inputs, action)
         time = state.time + 1
         actuation = self.control.actuation(mechanism, inputs)
-        return Command(state._replace(inputs=inputs, time=time), actuation, episode.load_at(time))
+        load = episode.load_at(time) or (0.0,) * len(state.tip)
+        return Command(state._replace(inputs=inputs, time=time), actuation, load)
 
     def arrive(self, mechanism: Any, episode: Episode, before: State, motion: Motion) -> State:
         """The state at the end of a step.
@@ -94,20 +139,16 @@ class DynamicControl:
             before: `Command.state`.
             motion: what the engine found.
         """
-        q, inputs = motion.configuration, before.inputs
-        xp = namespace_of(*q)
-        state = self.control.at_rest(mechanism, q, inputs, episode.load_at(before.time), before.time)
-        outside: Component = abs(q[0]) > mechanism.design.joint_limit
-        for angle in q[1:]:
-            outside = outside | (abs(angle) > mechanism.design.joint_limit)
-        failure = xp.where(outside, JOINT_LIMIT, RUNNING)
-        slack = self.control.slack(mechanism, q, inputs)
-        failure = xp.where(slack > LARGEST_SLACK, SLACK, failure)
+        xp = namespace_of(*motion.configuration)
+        load = episode.load_at(before.time)
+        state = self.control.in_motion(
+            mechanism, motion.configuration, motion.velocity, before.inputs, load, before.time
+        )
+        failure = self.control.failed(mechanism, state, before)
         failure = xp.where(motion.assembly_error > LARGEST_ASSEMBLY_ERROR, FLIPPED, failure)
         failure = xp.where(motion.diverged > 0, DIVERGED, failure)
         state = state._replace(
             failure=failure,
-            velocity=motion.velocity,
             physics=motion.physics,
             pending=before.pending,
             noise=before.noise,

@@ -1,10 +1,12 @@
 """Quasi-static simulation of a spatial prism, driven by the lengths of its struts."""
 
+import math
 from typing import Any
 
 from tensegrity_envs.mechanics.equilibrium import follow
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.spatial_prism import SpatialPrism
+from tensegrity_envs.mechanics.spatial_prism.vectors import dot
 from tensegrity_envs.simulation.protocol import (
     BUCKLED,
     RUNNING,
@@ -53,10 +55,52 @@ class LengthControl:
     ) -> State:
         """See `Simulation.start`."""
         lengths = mechanism.inverse_kinematics(q[:3]) if inputs is None else inputs
-        return self._at(mechanism, q, lengths, episode.load_at(0.0 * q[0]), 0.0 * q[0])
+        return self._at(mechanism, q, lengths, episode.load_at(0.0 * q[0]), 0.0 * q[0], self.loaded)
 
-    def _at(self, mechanism: SpatialPrism, q: Components, lengths: Components, load: Components, time: Any) -> State:
-        """The state of a prism in an equilibrium.
+    def moved(self, mechanism: SpatialPrism, inputs: Components, action: Components) -> Components:
+        """The lengths after an action; they saturate at the struts' stroke."""
+        xp = namespace_of(*inputs)
+        low, high = self.bounds(mechanism)
+        return tuple(clip(xp, length + self.rate * a, low, high) for length, a in zip(inputs, action, strict=True))
+
+    def actuation(self, mechanism: SpatialPrism, inputs: Components) -> Components:
+        """The lengths themselves."""
+        return inputs
+
+    def coordinates(self, mechanism: SpatialPrism, q: Components, inputs: Components) -> Components:
+        """The configuration itself."""
+        return q
+
+    def in_motion(
+        self,
+        mechanism: SpatialPrism,
+        u: Components,
+        velocity: Components,
+        inputs: Components,
+        load: Components,
+        time: Component,
+    ) -> State:
+        """See `InputControl.in_motion`; margins are those of the pose of this moment."""
+        force = load or (0.0, 0.0, 0.0)
+        return self._at(mechanism, u, inputs, force, time, True)._replace(velocity=velocity, failure=RUNNING)
+
+    def failed(self, mechanism: SpatialPrism, state: State, before: State) -> Component:
+        """Too low ("singular"), or turned by more than a right angle ("buckled")."""
+        xp = namespace_of(*state.configuration)
+        z, *turn = state.configuration[2:]
+        failure = xp.where(dot(turn, turn) > (0.5 * math.pi) ** 2, BUCKLED, RUNNING)
+        return xp.where(z <= self.lowest(mechanism), SINGULAR, failure)
+
+    def _at(
+        self,
+        mechanism: SpatialPrism,
+        q: Components,
+        lengths: Components,
+        load: Components,
+        time: Any,
+        turned: bool,
+    ) -> State:
+        """The state of a prism, turned or not.
 
         The stability margin is the smaller of the smallest eigenvalue of the reduced Hessian, divided by that at rest,
         and of how far the squared height is above the lowest one, divided by the square of the base's radius.
@@ -64,7 +108,7 @@ class LengthControl:
         D = mechanism.design.D
         xp = namespace_of(*q)
         height = (q[2] * q[2] - self.lowest(mechanism) ** 2) / (D * D)
-        if self.loaded:
+        if turned:
             stability = xp.minimum(mechanism.stability_margin(q, load), height)
             wrench = mechanism.wrench_margin(q, load)
         else:
@@ -77,9 +121,7 @@ class LengthControl:
     def advance(self, mechanism: SpatialPrism, episode: Episode, state: State, action: Components) -> State:
         """See `Simulation.advance`."""
         xp = namespace_of(*state.configuration)
-        low, high = self.bounds(mechanism)
-        old = state.inputs
-        new = tuple(clip(xp, length + self.rate * a, low, high) for length, a in zip(old, action, strict=True))
+        new = self.moved(mechanism, state.inputs, action)
         time = state.time + 1
         if self.loaded:
             reached = self._followed(mechanism, episode, state, new)
@@ -87,7 +129,7 @@ class LengthControl:
             (x, y), square = mechanism.foot_and_square(new)
             still = 0.0 * x
             q = (x, y, xp.sqrt(xp.maximum(square, 0.0)), still, still, still)
-            reached = self._at(mechanism, q, new, (), time)
+            reached = self._at(mechanism, q, new, (), time, False)
         return keep_where(xp, reached.failure != RUNNING, reached, state)._replace(record=state.record)
 
     def _followed(self, mechanism: SpatialPrism, episode: Episode, state: State, new: Components) -> State:
@@ -106,7 +148,7 @@ class LengthControl:
         w, fraction = follow(path, state.configuration[3:], self.resolution)
         lengths, force = between(fraction)
         position = mechanism.locked_pose(w, lengths).position
-        reached = self._at(mechanism, (*position, *w), lengths, force, time)
+        reached = self._at(mechanism, (*position, *w), lengths, force, time, True)
         lost = fraction < 1
         failure = xp.where(lost & (reached.failure == RUNNING), BUCKLED, reached.failure)
         margin = xp.where(lost, xp.minimum(reached.stability_margin, 0.0), reached.stability_margin)

@@ -11,6 +11,7 @@ from tensegrity_envs.simulation.protocol import (
     BUCKLED,
     JOINT_LIMIT,
     RUNNING,
+    SLACK,
     UNSTABLE,
     WRENCH_INFEASIBLE,
     Episode,
@@ -23,6 +24,7 @@ def clip(xp: Any, value: Component, low: Component, high: Component) -> Componen
     return xp.minimum(xp.maximum(value, low), high)
 
 
+LARGEST_SLACK = 1.0  # of a cable in motion, in nominal free lengths
 STEP_SHARE = 0.05  # of the nominal free length: largest change of a free length in a step
 
 
@@ -101,6 +103,45 @@ class InputControl(ABC):
         """By how much a cable that could hang slack does, in nominal free lengths; here none can."""
         return 0.0 * q[0]
 
+    def coordinates(self, mechanism: Any, q: Components, inputs: Components) -> Components:
+        """Those of the dynamic simulation, of a mechanism at rest."""
+        return q
+
+    def in_motion(
+        self, mechanism: Any, u: Components, velocity: Components, inputs: Components, load: Components, time: Component
+    ) -> State:
+        """The state of a mechanism that moves.
+
+        Args:
+            mechanism: simulated.
+            u: coordinates of the simulation.
+            velocity: of these.
+            inputs: commanded.
+            load: at the tip [N].
+            time: steps since the episode began.
+        """
+        return self.at_rest(mechanism, u, inputs, load, time)._replace(velocity=velocity)
+
+    def failed(self, mechanism: Any, state: State, before: State) -> Component:
+        """How a mechanism that moves has failed: a joint beyond its limit, or a cable too slack.
+
+        Args:
+            mechanism: simulated.
+            state: at the end of a step.
+            before: a step earlier, but with the inputs of this step.
+        """
+        xp = namespace_of(*state.configuration)
+        failure = xp.where(self._outside(mechanism, state.configuration), JOINT_LIMIT, RUNNING)
+        slack = self.slack(mechanism, state.configuration, state.inputs)
+        return xp.where(slack > LARGEST_SLACK, SLACK, failure)
+
+    def _outside(self, mechanism: Any, q: Components) -> Component:
+        """Whether a joint is beyond its limit."""
+        outside: Component = abs(q[0]) > mechanism.design.joint_limit
+        for angle in q[1:]:
+            outside = outside | (abs(angle) > mechanism.design.joint_limit)
+        return outside
+
     def moved(self, mechanism: Any, inputs: Components, action: Components) -> Components:
         """The inputs after an action; they saturate at their bounds."""
         low, high = self.bounds(mechanism)
@@ -136,9 +177,7 @@ class InputControl(ABC):
         u, fraction = follow(path, self.to_coordinates(mechanism, state.configuration), self.resolution)
         q = self.from_coordinates(mechanism, u)
         reached = self.at_rest(mechanism, q, *between(fraction), time)
-        outside: Component = abs(q[0]) > mechanism.design.joint_limit
-        for angle in q[1:]:
-            outside = outside | (abs(angle) > mechanism.design.joint_limit)
+        outside = self._outside(mechanism, q)
         buckled = fraction < 1
         failure = xp.where(outside, JOINT_LIMIT, xp.where(buckled, BUCKLED, RUNNING))  # the limit was passed first
         # What buckles has lost its stiffness, whatever little was left at the last stable point.

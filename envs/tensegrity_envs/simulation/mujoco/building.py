@@ -1,7 +1,7 @@
 """The MuJoCo model (MjSpec) of a mechanism, from its linkage, its members and the parameters of its dynamics.
 
-Planar mechanisms lie in the plane x-z, their y [m] is MuJoCo's z. Hinges turn about -y, so that positive angles are
-counter-clockwise as seen by the camera.
+Mechanisms in space have MuJoCo's axes. Planar mechanisms lie in the plane x-z, their y [m] is MuJoCo's z. Hinges turn
+about -y, so that positive angles are counter-clockwise as seen by the camera.
 """
 
 from typing import Any
@@ -10,8 +10,10 @@ import mujoco
 import numpy as np
 
 from tensegrity_envs.mechanics.design import Member
+from tensegrity_envs.simulation.mujoco.building_space import add_picture, add_platform, add_view
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.mujoco.linkage import Linkage
+from tensegrity_envs.simulation.mujoco.platform import Platform
 
 TIP_BODY = "tip"
 _AXIS = (0.0, -1.0, 0.0)
@@ -23,30 +25,42 @@ _COLOURS = {
     "joint": (0.88, 0.90, 0.93, 1.0),
     "spring": (0.07, 0.54, 0.52, 1.0),
     "cable": (0.93, 0.47, 0.20, 1.0),
+    "actuator": (0.55, 0.24, 0.60, 1.0),
+    "platform": (0.47, 0.63, 0.80, 0.5),
     "tip": (0.10, 0.44, 0.76, 1.0),
 }
 
 
-def _point(z: complex, depth: float = 0.0) -> list[float]:
-    return [z.real, depth, z.imag]
+def _point(z: Any, depth: float = 0.0) -> list[float]:
+    """MuJoCo's position of a point in the plane (a complex number), moved behind it, or of one in space."""
+    return [z.real, depth, z.imag] if isinstance(z, complex) else [float(component) for component in z]
 
 
 def input_members(members: tuple[Member, ...]) -> list[Member]:
-    """The cables and springs whose tensions and free lengths are the inputs, in their order."""
-    return [member for member in members if member.kind == "cable" or member.is_input]
+    """Cables, springs and actuators whose tensions, free lengths and lengths are the inputs, in their order."""
+    return [member for member in members if member.kind in ("cable", "actuator") or member.is_input]
 
 
-def build(mechanism: Any, linkage: Linkage, dynamics: Dynamics) -> mujoco.MjSpec:
-    """The specification of the model: bodies, hinges, loops, tendons, actuators, and what makes a good picture."""
+def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics) -> mujoco.MjSpec:
+    """The specification of the model: bodies, hinges, loops, tendons, actuators, and what makes a good picture.
+
+    Raises:
+        ValueError: prismatic actuators are to lag, or are too fast for the time step.
+    """
     design = mechanism.design
     members = mechanism.members
     spec = mujoco.MjSpec()
     spec.modelname = type(mechanism).__name__
     payload = getattr(design, "payload", None)
     _set_options(spec, dynamics, getattr(design, "gravity", 0.0))
-    radius = max((m.radius for m in members if m.kind == "bar"), default=0.0) or 0.008 * linkage.length
-    _add_surroundings(spec, linkage.length)
-    bodies = _add_bodies(spec, linkage, dynamics, radius)
+    radius = max((m.radius for m in members if m.kind == "bar"), default=0.0) or 0.008 * linkage.extent
+    _add_looks(spec, linkage.extent)
+    if isinstance(linkage, Platform):
+        add_view(spec, linkage.extent)
+        bodies = add_platform(spec, linkage, dynamics, radius)
+    else:
+        _add_surroundings(spec, linkage.extent)
+        bodies = _add_bodies(spec, linkage, dynamics, radius)
     tip = bodies[linkage.owner("P")].add_body(name=TIP_BODY, pos=_point(linkage.local("P", linkage.owner("P"))))
     # A weld, so that forces applied to it act at P and a point mass has its weight there.
     tip.explicitinertial = True
@@ -55,12 +69,13 @@ def build(mechanism: Any, linkage: Linkage, dynamics: Dynamics) -> mujoco.MjSpec
     tip.gravcomp = float(payload is None)
     tip.add_site(name=TIP_BODY, size=[1.5 * radius] * 3, material="tip")
     for loop in linkage.loops:
+        assert isinstance(linkage, Linkage)
         _add_loop(spec, linkage, bodies, loop, dynamics.timestep)
     for member in members:
         if member.kind != "bar":
             _add_tendon(spec, linkage, bodies, member, radius)
     for member in input_members(members):
-        _add_actuator(spec, mechanism, member, linkage.length, dynamics.time_constant)
+        _add_actuator(spec, mechanism, member, linkage.length, dynamics)
     return spec
 
 
@@ -71,6 +86,7 @@ def _set_options(spec: mujoco.MjSpec, dynamics: Dynamics, gravity: float) -> Non
     option.integrator = {
         "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
         "RK4": mujoco.mjtIntegrator.mjINT_RK4,
+        "discrete": mujoco.mjtIntegrator.mjINT_DISCRETE,
     }[dynamics.integrator]
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0's Newton solver has a bug with sparse ones
     off = mujoco.mjtDisableBit
@@ -78,8 +94,8 @@ def _set_options(spec: mujoco.MjSpec, dynamics: Dynamics, gravity: float) -> Non
     option.disableflags = int(off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET | off.mjDSBL_ISLAND)
 
 
-def _add_surroundings(spec: mujoco.MjSpec, length: float) -> None:
-    """Materials, light, a wall behind and a camera in front of the plane of the mechanism."""
+def _add_looks(spec: mujoco.MjSpec, length: float) -> None:
+    """Materials, and how pictures are made."""
     spec.stat.extent = length
     spec.stat.center = [0.0, 0.0, 0.0]
     spec.visual.headlight.ambient = [0.3, 0.3, 0.3]
@@ -103,8 +119,12 @@ def _add_surroundings(spec: mujoco.MjSpec, length: float) -> None:
     )
     wall = spec.add_material(name="wall", texrepeat=[8, 8], specular=0.05, shininess=0.1)
     wall.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "wall"
+
+
+def _add_surroundings(spec: mujoco.MjSpec, length: float) -> None:
+    """Light, a wall behind and a camera in front of the plane of the mechanism."""
     world = spec.worldbody
-    _add_picture(
+    add_picture(
         world,
         mujoco.mjtGeom.mjGEOM_PLANE,
         "wall",
@@ -125,14 +145,6 @@ def _add_surroundings(spec: mujoco.MjSpec, length: float) -> None:
     camera.alt.xyaxes = [1, 0, 0, 0, 0, 1]
 
 
-def _add_picture(body: Any, shape: Any, material: str, zaxis: list[float] | None = None, **fields: Any) -> None:
-    """A geometry without mass that touches nothing."""
-    geom = body.add_geom(type=shape, material=material, contype=0, conaffinity=0, mass=0.0, **fields)
-    if zaxis is not None:
-        geom.alt.type = mujoco.mjtOrientation.mjORIENTATION_ZAXIS
-        geom.alt.zaxis = zaxis
-
-
 def _add_bodies(spec: mujoco.MjSpec, linkage: Linkage, dynamics: Dynamics, radius: float) -> list[Any]:
     bodies: list[Any] = [spec.worldbody]
     for i, part in enumerate(linkage.bodies):
@@ -144,19 +156,20 @@ def _add_bodies(spec: mujoco.MjSpec, linkage: Linkage, dynamics: Dynamics, radiu
             bodies.append(body)
             material = "bar" if len(part.bars) == 1 else "truss"
             body.gravcomp = float(not any(bar.mass for bar in part.bars))
-            low, high = linkage.ranges[i - 1]
             joint = body.add_joint(
-                name=f"hinge {name}",
+                name=linkage.joints[i - 1],
                 type=mujoco.mjtJoint.mjJNT_HINGE,
                 axis=_AXIS,
-                limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-                range=[np.degrees(low), np.degrees(high)],
+                limited=mujoco.mjtLimited.mjLIMITED_FALSE,
                 frictionloss=dynamics.joint_friction,
-                solref_limit=[2 * dynamics.timestep, 1.0],
-                solimp_limit=_CLOSED,
             )
+            if linkage.ranges is not None:
+                joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+                joint.range = np.degrees(linkage.ranges[i - 1])
+                joint.solref_limit = [2 * dynamics.timestep, 1.0]
+                joint.solimp_limit = _CLOSED
             joint.damping = [dynamics.joint_damping, 0.0, 0.0]
-            _add_picture(
+            add_picture(
                 body,
                 mujoco.mjtGeom.mjGEOM_CYLINDER,
                 "joint",
@@ -178,10 +191,10 @@ def _add_bodies(spec: mujoco.MjSpec, linkage: Linkage, dynamics: Dynamics, radiu
             )
             geom.mass = (bar.mass or dynamics.bar_line_density * length) if i else 0.0
             for end in ends:
-                _add_picture(body, mujoco.mjtGeom.mjGEOM_SPHERE, material, pos=_point(end), size=[thickness, 0.0, 0.0])
+                add_picture(body, mujoco.mjtGeom.mjGEOM_SPHERE, material, pos=_point(end), size=[thickness, 0.0, 0.0])
         if not i:
             for node in part.nodes:
-                _add_picture(
+                add_picture(
                     body,
                     mujoco.mjtGeom.mjGEOM_BOX,
                     "base",
@@ -207,11 +220,13 @@ def _add_loop(spec: mujoco.MjSpec, linkage: Linkage, bodies: list[Any], loop: An
     equality.solimp = _CLOSED
 
 
-def _add_tendon(spec: mujoco.MjSpec, linkage: Linkage, bodies: list[Any], member: Member, radius: float) -> None:
+def _add_tendon(
+    spec: mujoco.MjSpec, linkage: Linkage | Platform, bodies: list[Any], member: Member, radius: float
+) -> None:
     # Both ends at one depth, so that the length is that in the plane: springs behind, cables in front.
     depth = (-1.2 if member.kind == "cable" else 1.2) * radius
     tendon = spec.add_tendon(name=member.name, material=member.kind)
-    tendon.width = (0.3 if member.kind == "cable" else 0.45) * radius
+    tendon.width = {"cable": 0.3, "actuator": 0.8}.get(member.kind, 0.45) * radius
     for node in member.nodes:
         name = f"{member.name} at {node}"
         body = linkage.owner(node)
@@ -222,13 +237,12 @@ def _add_tendon(spec: mujoco.MjSpec, linkage: Linkage, bodies: list[Any], member
         tendon.springlength = [0.0 if member.goes_slack else member.free_length, member.free_length]
 
 
-def _add_actuator(spec: mujoco.MjSpec, mechanism: Any, member: Member, length: float, time_constant: float) -> None:
-    actuator = spec.add_actuator(
-        name=member.name,
-        trntype=mujoco.mjtTrn.mjTRN_TENDON,
-        target=member.name,
-        ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
-    )
+def _add_actuator(spec: mujoco.MjSpec, mechanism: Any, member: Member, length: float, dynamics: Dynamics) -> None:
+    actuator = spec.add_actuator(name=member.name, trntype=mujoco.mjtTrn.mjTRN_TENDON, target=member.name)
+    if member.kind == "actuator":
+        _make_servo(actuator, length, dynamics)
+        return
+    actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
     gain, bias = actuator.gainprm, actuator.biasprm
     if member.kind == "cable":
         actuator.gear = [-1.0, 0, 0, 0, 0, 0]
@@ -242,8 +256,27 @@ def _add_actuator(spec: mujoco.MjSpec, mechanism: Any, member: Member, length: f
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = [-2 * length * member.stiffness, 0.0]
     actuator.gainprm, actuator.biasprm = gain, bias
-    if time_constant:
+    if dynamics.time_constant:
         actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
         dyn = actuator.dynprm
-        dyn[0] = time_constant
+        dyn[0] = dynamics.time_constant
         actuator.dynprm = dyn
+
+
+def _make_servo(actuator: Any, length: float, dynamics: Dynamics) -> None:
+    """A prismatic actuator: control is a speed, its integral the length that a stiff damped spring keeps."""
+    if dynamics.time_constant:
+        raise ValueError("Dynamics.actuator_bandwidth: prismatic actuators move evenly, they do not lag; give 0")
+    if dynamics.integrator == "implicitfast" and dynamics.servo_time < 0.5 * dynamics.timestep:
+        raise ValueError(
+            f"Dynamics.servo_time = {dynamics.servo_time!r}: must be half a time step or more, or the servos diverge"
+        )
+    actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    actuator.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR
+    actuator.actlimited = mujoco.mjtLimited.mjLIMITED_TRUE
+    actuator.actrange = [0.0, 2 * length]
+    actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    gain, bias = actuator.gainprm, actuator.biasprm
+    stiffness = dynamics.servo_stiffness
+    gain[0], bias[1], bias[2] = stiffness, -stiffness, -stiffness * dynamics.servo_time
+    actuator.gainprm, actuator.biasprm = gain, bias

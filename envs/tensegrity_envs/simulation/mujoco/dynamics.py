@@ -17,21 +17,29 @@ class Dynamics:
         tip_mass: point mass at the tip of a mechanism whose design has no payload [kg], without weight likewise.
         joint_damping: viscous damping of every hinge [N m s/rad].
         joint_friction: dry friction of every hinge [N m]; 0 for none, as in the analytic models.
+        platform_mass: of the spatial prism's platform, a uniform triangle [kg]; without weight, too.
+        servo_stiffness: of prismatic actuators, force by deviation from the length that is to be kept [N/m].
+        servo_time: in which that deviation decays [s]; their damping is stiffness times this. Half a time step or more.
         actuator_bandwidth: at which a tension or free length follows its command, first order [Hz]; 0 for at once.
+            Prismatic actuators move evenly from one length to the next within a step instead.
         timestep: of the integrator [s]; the 2-X needs 0.001 or less (its joint limits keep it from flipping), the
-            dual-triangle 0.005 or less.
+            others 0.005 or less.
         frame_skip: time steps in one step of an environment.
-        integrator: "implicitfast"; "RK4" to validate dynamics.
+        integrator: "implicitfast"; "RK4" to validate dynamics; "discrete", implicit in positions too, which is stable
+            with any servo, and damps slow motion.
     """
 
     bar_line_density: float = 0.2
     tip_mass: float = 0.05
     joint_damping: float = 0.02
     joint_friction: float = 0.0
+    platform_mass: float = 0.5
+    servo_stiffness: float = 1e9
+    servo_time: float = 0.001
     actuator_bandwidth: float = 0.0
     timestep: float = 0.001
     frame_skip: int = 20
-    integrator: Literal["implicitfast", "RK4"] = "implicitfast"
+    integrator: Literal["implicitfast", "RK4", "discrete"] = "implicitfast"
 
     def __post_init__(self) -> None:
         """Validate.
@@ -42,16 +50,16 @@ class Dynamics:
         """
         require_finite_numbers(self, {"integrator"})
         name = type(self).__name__
-        for field in ("bar_line_density", "timestep"):
+        for field in ("bar_line_density", "platform_mass", "servo_stiffness", "timestep"):
             require(getattr(self, field) > 0, name, field, getattr(self, field), "positive")
-        for field in ("tip_mass", "joint_damping", "joint_friction", "actuator_bandwidth"):
+        for field in ("tip_mass", "joint_damping", "joint_friction", "servo_time", "actuator_bandwidth"):
             require(getattr(self, field) >= 0, name, field, getattr(self, field), "zero or positive")
         require(self.timestep <= 0.005, name, "timestep", self.timestep, "at most 0.005 s (the simulation diverges)")
         if not isinstance(self.frame_skip, int):
             raise TypeError(f"{name}.frame_skip = {self.frame_skip!r}: must be an integer")
         require(self.frame_skip >= 1, name, "frame_skip", self.frame_skip, "1 or more")
-        if self.integrator not in ("implicitfast", "RK4"):
-            raise ValueError(f'{name}.integrator = {self.integrator!r}: must be "implicitfast" or "RK4"')
+        if self.integrator not in ("implicitfast", "RK4", "discrete"):
+            raise ValueError(f'{name}.integrator = {self.integrator!r}: must be "implicitfast", "RK4" or "discrete"')
 
     @property
     def time_constant(self) -> float:

@@ -24,7 +24,7 @@ class Engine:
 
     Attributes:
         model: of these parameters.
-        joints: how many angles a configuration has.
+        joints: how many coordinates there are; see `MujocoModel`.
         physics_size: numbers in a state.
         motions: layout of a matrix of `Motion`s.
     """
@@ -42,7 +42,7 @@ class Engine:
         """States of arms at rest, shape (physics size, n).
 
         Args:
-            q: shape (joints, n) [rad].
+            q: coordinates, shape (joints, n) [rad].
             actuation: that the actuators have reached, shape (inputs, n).
         """
         low, high = self.model.input_bounds
@@ -55,8 +55,8 @@ class Engine:
 
         Args:
             physics: shape (physics size, n).
-            actuation: tensions [N] or free lengths [m], shape (inputs, n).
-            loads: at the tip [N], shape (2, n).
+            actuation: tensions [N], free or actuator lengths [m], shape (inputs, n).
+            loads: at the tip [N], shape (2, n), in space (3, n).
             models: of every environment, from `model_of`; None for the nominal one.
         """
         model, n = self.model, physics.shape[1]

@@ -55,7 +55,8 @@ class Linkage:
     q = 0; one for every body but the ground.
 
     Args:
-        mechanism: with `degrees_of_freedom`, `nodes(q)`, `members` and `design.joint_limit`.
+        mechanism: with `degrees_of_freedom`, `nodes(q)`, `members` and `design.joint_limit`, or, where hinges have no
+            stops, `turns_freely`.
 
     Raises:
         ValueError: it is a batch of designs, is not planar, or its configuration is not linear in the joint angles.
@@ -63,28 +64,38 @@ class Linkage:
     Attributes:
         bodies: the ground, then each body after its parent, depth first.
         loops: hinges outside the tree.
-        ranges: lowest and highest joint angle within the joint limits [rad], shape (bodies - 1, 2).
+        space: dimensions of positions and forces.
+        joints: names of the hinges, in the order of the bodies.
+        ranges: lowest and highest joint angle within the joint limits [rad], shape (bodies - 1, 2); None without stops.
         reading: q = reading @ joint angles, shape (degrees of freedom, bodies - 1).
-        limit: |q| is at most this [rad].
+        limit: |q| is at most this [rad]; infinite without stops.
         reference: nodes at q = 0 [m].
+        length: no node is farther from the base [m].
+        extent: what is this close to the base is in the picture [m].
     """
+
+    space = 2
 
     def __init__(self, mechanism: Any) -> None:
         self.mechanism = mechanism
         if any(np.ndim(value) for value in vars(mechanism.design).values()):
             raise ValueError(f"{type(mechanism).__name__}: takes one design, not a batch of them")
         self.size = int(mechanism.degrees_of_freedom)
-        self.limit = min(float(np.min(mechanism.design.joint_limit)), FLIP_LIMIT)
-        inside = np.random.default_rng(0).uniform(-self.limit, self.limit, (_SAMPLES, self.size))
-        corners = np.array(list(product((-self.limit, 0.0, self.limit), repeat=self.size)))
+        turns_freely = getattr(mechanism, "turns_freely", False)
+        span = FLIP_LIMIT if turns_freely else min(float(np.min(mechanism.design.joint_limit)), FLIP_LIMIT)
+        self.limit = np.inf if turns_freely else span
+        inside = np.random.default_rng(0).uniform(-span, span, (_SAMPLES, self.size))
+        corners = np.array(list(product((-span, 0.0, span), repeat=self.size)))
         samples = np.concatenate([inside, corners])
         nodes = self._nodes_at(samples)
-        self.reference = {name: complex(z) for name, z in self._nodes_at(np.zeros(self.size)).items()}
+        self.reference = self.nodes_of(mechanism)
         self.length = max(abs(z).max() for z in nodes.values())
+        self.extent = float(getattr(mechanism, "extent", self.length))
         bodies = self._bodies(nodes)
         self.bodies, self.loops = self._tree(bodies, nodes)
+        self.joints = tuple(f"hinge {' '.join(body.nodes)}" for body in self.bodies[1:])
         angles = self.joint_angles(samples)
-        self.ranges = np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1)
+        self.ranges = None if turns_freely else np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1)
         self.reading = np.linalg.lstsq(angles, samples, rcond=1e-9)[0].T
         if abs(angles @ self.reading.T - samples).max() > 1e-9:
             raise ValueError(f"{type(mechanism).__name__}: its configuration is not linear in the angles of its hinges")
@@ -96,6 +107,17 @@ class Linkage:
         ]
 
     # ------------------------------------------------------------------------------------------------ what it finds
+
+    @staticmethod
+    def nodes_of(mechanism: Any) -> dict[str, complex]:
+        """Nodes at q = 0 [m]."""
+        start = (0.0,) * int(mechanism.degrees_of_freedom)
+        return {name: complex(x, y) for name, (x, y) in mechanism.nodes(start).items()}
+
+    def fits(self, mechanism: Any) -> bool:
+        """Whether another mechanism has the same bars."""
+        nodes = self.nodes_of(mechanism)
+        return all(abs(self.reference[name] - z) <= 1e-12 * self.length for name, z in nodes.items())
 
     def _nodes_at(self, q: np.ndarray) -> dict[str, Any]:
         nodes = self.mechanism.nodes(tuple(q.tolist()) if q.ndim == 1 else tuple(np.moveaxis(q, -1, 0)))
@@ -201,6 +223,24 @@ class Linkage:
             turns.append((nodes[b] - nodes[a]) / (self.reference[b] - self.reference[a]))
             angles.append(np.angle(turns[-1] / turns[body.parent]))
         return np.stack(angles, axis=-1)
+
+    def configuration(self, angles: np.ndarray) -> np.ndarray:
+        """q [rad], (..., n), at joint angles of shape (..., bodies - 1)."""
+        return np.asarray(angles @ self.reading.T)
+
+    def velocity(self, angles: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """The rate of q [rad/s], (..., n), at joint rates of shape (..., bodies - 1)."""
+        return np.asarray(rates @ self.reading.T)
+
+    def rates_by_configuration(self, angles: np.ndarray) -> np.ndarray:
+        """d joint angles / d q that keeps the loops closed, shape (bodies - 1, n)."""
+        rows = self.loop_jacobian(angles)
+        right = np.concatenate([np.zeros((len(rows), self.size)), np.eye(self.size)])
+        return np.linalg.solve(np.concatenate([rows, self.reading]), right)
+
+    def rates_of(self, angles: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Joint rates [rad/s] that keep the loops closed, from the rate of q, shape (bodies - 1,)."""
+        return np.asarray(self.rates_by_configuration(angles) @ velocity)
 
     def _frames(self, angles: np.ndarray) -> list[tuple[Any, Any]]:
         """Position and orientation of every body; a body's origin is its hinge."""

@@ -1,7 +1,9 @@
 """A mechanism as a dynamic simulation in MuJoCo.
 
-Configurations q [rad], inputs (tensions [N] or free lengths [m]) and loads (dead force at the tip (fx, fy) [N]) are
-those of the analytic mechanism. Many simulations are rows: arrays of shape (m, ...). A state is a row of numbers (time,
+Configurations q [rad], inputs (tensions [N], free or actuator lengths [m]) and loads (dead force at the tip (fx, fy)
+or (fx, fy, fz) [N]) are those of the analytic mechanism; where that has prismatic actuators, configurations are the
+coordinates of its skeleton (`simulation.skeleton`). Prismatic actuators move evenly from where they are to their
+command within a step. Many simulations are rows: arrays of shape (m, ...). A state is a row of numbers (time,
 joint angles, their rates, actuator states) from which the simulation goes on, to the bit, wherever it is put.
 """
 
@@ -19,12 +21,14 @@ from mujoco.rollout import Rollout
 from tensegrity_envs.simulation.mujoco.building import TIP_BODY, build, input_members
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.mujoco.linkage import Linkage
+from tensegrity_envs.simulation.mujoco.platform import Platform
+from tensegrity_envs.simulation.skeleton import PrismSkeleton, skeleton_of
 
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 _WARNING = mujoco.mjtWarning
 _DIVERGED = tuple(int(w) for w in (_WARNING.mjWARN_BADQPOS, _WARNING.mjWARN_BADQVEL, _WARNING.mjWARN_BADQACC))
-_NO_LOAD = (0.0, 0.0)
+_RAMPED = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
 _SLOWEST = 10.0  # [rad/s], a low frequency: an arm that is let go has a speed of about the way times this
 _FASTEST = 1e6  # [rad/s]: joints of a real arm are far slower; faster has diverged
 
@@ -52,7 +56,7 @@ class Settled(NamedTuple):
     Attributes:
         configuration: [rad], shape (n,).
         loop_error: see `MujocoModel.loop_error` [m].
-        acceleration: largest of a hinge's, left [rad/s2].
+        acceleration: largest of a joint's, left [rad/s2].
         steps: time steps taken.
         reason: "at rest", "diverged", or "not at rest after ... steps".
     """
@@ -80,13 +84,15 @@ class MujocoModel:
     """One mechanism with one set of parameters, compiled.
 
     Args:
-        mechanism: an analytic mechanism, planar, of one design.
+        mechanism: an analytic mechanism of one design.
         dynamics: what it does not tell.
 
     Raises:
-        ValueError: the mechanism is spatial or a batch of designs, or the time step is too long for its loops.
+        ValueError: the mechanism is a batch of designs, the time step is too long for its loops, or its actuators
+            cannot lag.
 
     Attributes:
+        skeleton: what of the mechanism moves; its coordinates are the configurations.
         linkage: its bodies, hinges and loops.
         spec: the MjSpec.
         model: the MjModel.
@@ -99,29 +105,34 @@ class MujocoModel:
     def __init__(self, mechanism: Any, dynamics: Dynamics | None = None) -> None:
         self.mechanism = mechanism
         self.dynamics = dynamics or Dynamics()
-        self.linkage = Linkage(mechanism)
+        self.skeleton = skeleton_of(mechanism)
+        self.linkage: Any = (Platform if isinstance(self.skeleton, PrismSkeleton) else Linkage)(self.skeleton)
         if self.linkage.loops and self.dynamics.timestep > 0.001:
             raise ValueError(
                 f"Dynamics.timestep = {self.dynamics.timestep!r}: must be 0.001 s or less for a mechanism with loops, "
                 "whose joint limits cannot keep them assembled otherwise"
             )
-        self.spec = build(mechanism, self.linkage, self.dynamics)
+        self.spec = build(self.skeleton, self.linkage, self.dynamics)
         self.model = self.spec.compile()
         self.data = mujoco.MjData(self.model)
         self._scratch = mujoco.MjData(self.model)
         names = [self.model.joint(i).name for i in range(self.model.njnt)]
-        if names != [f"hinge {' '.join(body.nodes)}" for body in self.linkage.bodies[1:]]:
-            raise AssertionError(f"hinges {names} are not in the order of the linkage")
-        self._inputs = input_members(mechanism.members)
+        if names != list(self.linkage.joints):
+            raise AssertionError(f"joints {names} are not in the order of the linkage")
+        self._inputs = input_members(self.skeleton.members)
         self._tip = self.model.body(TIP_BODY).id
         self.state_size = int(mujoco.mj_stateSize(self.model, int(_FULL)))
         self.input_size = int(self.model.nu)
-        self.input_bounds = self.model.actuator_ctrlrange.T.copy()
-        nv = int(self.model.nv)
-        self._angles, self._rates = slice(1, 1 + nv), slice(1 + nv, 1 + 2 * nv)  # after the time
+        self._is_ramped = bool((self.model.actuator_dyntype == _RAMPED).any())
+        ranges = self.model.actuator_actrange if self._is_ramped else self.model.actuator_ctrlrange
+        self.input_bounds = ranges.T.copy()
+        nq, nv, na = int(self.model.nq), int(self.model.nv), int(self.model.na)
+        self._angles, self._rates = slice(1, 1 + nq), slice(1 + nq, 1 + nq + nv)  # after the time
+        self._actuators = slice(1 + nq + nv, 1 + nq + nv + na)
         self._weights = self.model.body_mass * (1 - self.model.body_gravcomp) * -self.model.opt.gravity[2]
         tip = 6 * self._tip + self.input_size
-        self._load_columns = [tip, tip + 2]  # of a control: the inputs, then 6 numbers for every body
+        self._axes = [0, 2] if self.linkage.space == 2 else [0, 1, 2]  # of MuJoCo, of the mechanism's positions
+        self._load_columns = [tip + i for i in self._axes]  # of a control: the inputs, then 6 numbers for every body
         self._control_size = self.input_size + 6 * int(self.model.nbody)
         self._pools: dict[int, tuple[Rollout, list[Any]]] = {}
         self.reset(np.zeros(self.linkage.size))
@@ -142,6 +153,9 @@ class MujocoModel:
             raise ValueError(f"configuration = {q!r}: |q| must be at most {self.linkage.limit:.4g} rad")
         return array
 
+    def _check_load(self, load: Any) -> np.ndarray:
+        return np.zeros(self.linkage.space) if load is None else self._check("load", load, self.linkage.space)
+
     def _check_inputs(self, inputs: Any) -> np.ndarray:
         array = self._check("inputs", inputs, self.input_size)
         low, high = self.input_bounds
@@ -157,7 +171,7 @@ class MujocoModel:
         Args:
             q: configuration [rad], shape (n,) or (m, n).
             velocity: of q [rad/s], like q; None for rest.
-            inputs: that the actuators have reached, where they lag; None for the lowest. Shape (input size,) or
+            inputs: that the actuators have reached, where that takes time; None for the lowest. Shape (input size,) or
                 (m, input size).
             time: since the start [s].
 
@@ -174,40 +188,42 @@ class MujocoModel:
         if velocity is not None:
             velocity = np.broadcast_to(self._check("velocity", velocity, self.linkage.size), q.shape)
             for place in np.ndindex(q.shape[:-1]):
-                states[place][self._rates] = self._rates_at(states[place][self._angles]) @ velocity[place]
+                states[place][self._rates] = self.linkage.rates_of(states[place][self._angles], velocity[place])
         if self.model.na:
             low = self.input_bounds[0] if inputs is None else self._check_inputs(inputs)
-            states[..., self._rates.stop : self._rates.stop + int(self.model.na)] = low
+            states[..., self._actuators] = low
         return states
 
     def joint_angles(self, states: np.ndarray) -> np.ndarray:
-        """Angles of the hinges [rad], shape (..., hinges)."""
+        """MuJoCo's coordinates: angles of the hinges [rad], shape (..., hinges); of a platform see `Platform`."""
         return states[..., self._angles]
 
     def configuration(self, states: np.ndarray) -> np.ndarray:
         """The configuration [rad], shape (..., n)."""
-        return np.asarray(states[..., self._angles] @ self.linkage.reading.T)
+        return np.asarray(self.linkage.configuration(states[..., self._angles]))
 
     def velocity(self, states: np.ndarray) -> np.ndarray:
         """The rate of the configuration [rad/s], shape (..., n)."""
-        return np.asarray(states[..., self._rates] @ self.linkage.reading.T)
+        return np.asarray(self.linkage.velocity(states[..., self._angles], states[..., self._rates]))
 
-    def nodes(self, states: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Positions (x, y) of the nodes [m], each of shape (...,)."""
+    def nodes(self, states: np.ndarray) -> dict[str, tuple[np.ndarray, ...]]:
+        """Positions (x, y) or (x, y, z) of the nodes [m], each of shape (...,)."""
         found = self.linkage.positions(states[..., self._angles])
+        if self.linkage.space == 3:
+            return {name: tuple(np.moveaxis(place, -1, 0)) for name, place in found.items()}
         return {name: (z.real, z.imag) for name, z in found.items()}
 
     def tip(self, states: np.ndarray) -> np.ndarray:
-        """Position (x, y) of the tip [m], shape (..., 2)."""
+        """Position of the tip [m], shape (..., 2) or (..., 3)."""
         return np.stack(self.nodes(states)["P"], axis=-1)
 
     def loop_error(self, states: np.ndarray) -> np.ndarray:
         """How far apart the two sides of the worst closed loop are [m], shape (...,)."""
-        return self.linkage.loop_error(states[..., self._angles])
+        return np.asarray(self.linkage.loop_error(states[..., self._angles]))
 
     def assembly_error(self, states: np.ndarray) -> np.ndarray:
         """Largest |left right / (l^2 - b^2) - 1| of the X-joints [-]: beyond 0.05 a loop is flipping or has flipped."""
-        return self.linkage.assembly_error(states[..., self._angles])
+        return np.asarray(self.linkage.assembly_error(states[..., self._angles]))
 
     # -------------------------------------------------------------------------------------------- one simulation
 
@@ -223,7 +239,7 @@ class MujocoModel:
         mujoco.mj_getState(self.model, self.data, state, int(_FULL))
         return state
 
-    def step(self, inputs: Any, load: Sequence[float] = _NO_LOAD, steps: int | None = None) -> bool:
+    def step(self, inputs: Any, load: Sequence[float] | None = None, steps: int | None = None) -> bool:
         """Advance `data`.
 
         Args:
@@ -239,16 +255,23 @@ class MujocoModel:
         """
         data = self.data
         before = self.current()
-        data.ctrl[:] = self._check("inputs", inputs, self.input_size)
-        data.xfrc_applied[self._tip, 0], data.xfrc_applied[self._tip, 2] = self._check("load", load, 2)
+        steps = steps or self.dynamics.frame_skip
+        data.ctrl[:] = self._controls(self._check("inputs", inputs, self.input_size), before, steps)
+        data.xfrc_applied[self._tip, self._axes] = self._check_load(load)
         data.qacc_warmstart[:] = 0.0  # a state tells all: the same steps follow, to the bit, in `rollout`
         with _without_log():
-            mujoco.mj_step(self.model, data, nstep=steps or self.dynamics.frame_skip)
+            mujoco.mj_step(self.model, data, nstep=steps)
         if self._has_diverged(data):
             self._load(data, before)
             return False
         mujoco.mj_kinematics(self.model, data)  # what is read from data is otherwise one time step old
         return True
+
+    def _controls(self, inputs: np.ndarray, states: np.ndarray, steps: int) -> np.ndarray:
+        """MuJoCo's controls: the inputs, or the speeds [m/s] at which ramped actuators reach them in so many steps."""
+        if not self._is_ramped:
+            return inputs
+        return np.asarray((inputs - states[..., self._actuators]) / (steps * self.dynamics.timestep))
 
     def _load(self, data: Any, state: np.ndarray) -> None:
         mujoco.mj_resetData(self.model, data)
@@ -265,14 +288,14 @@ class MujocoModel:
         Args:
             state: shape (state size,).
             inputs: the command, shape (input size,).
-            load: at the tip [N], shape (2,).
+            load: at the tip [N], shape (2,), in space (3,).
             model: from `variant`; None for this one.
         """
         model, data = self.model if model is None else model, self._scratch
         mujoco.mj_resetData(model, data)
         mujoco.mj_setState(model, data, state, int(_FULL))
-        data.ctrl[:] = inputs
-        data.xfrc_applied[self._tip, 0], data.xfrc_applied[self._tip, 2] = load
+        data.ctrl[:] = self._controls(inputs, state, self.dynamics.frame_skip)
+        data.xfrc_applied[self._tip, self._axes] = load
         with _without_log():
             mujoco.mj_step(model, data, nstep=self.dynamics.frame_skip)
         diverged = self._has_diverged(data)
@@ -287,7 +310,7 @@ class MujocoModel:
         self,
         states: np.ndarray,
         inputs: Any,
-        loads: Any = _NO_LOAD,
+        loads: Any = None,
         steps: int | None = None,
         nthread: int = 1,
         models: Sequence[Any] | None = None,
@@ -297,7 +320,7 @@ class MujocoModel:
         Args:
             states: shape (m, state size).
             inputs: the commands, held meanwhile; shape (input size,) or (m, input size).
-            loads: at the tip [N], shape (2,) or (m, 2).
+            loads: at the tip [N], shape (2,) or (m, 2), in space (3,) or (m, 3).
             steps: time steps; None for the frame skip of the dynamics.
             nthread: threads that share the simulations.
             models: MuJoCo's model of every simulation, each from `variant`; None for this one.
@@ -313,8 +336,8 @@ class MujocoModel:
         steps = steps or self.dynamics.frame_skip
         m = len(states)
         control = np.zeros((m, 1, self._control_size))
-        control[:, 0, : self.input_size] = self._check("inputs", inputs, self.input_size)
-        control[:, 0, self._load_columns] = self._check("loads", loads, 2)
+        control[:, 0, : self.input_size] = self._controls(self._check("inputs", inputs, self.input_size), states, steps)
+        control[:, 0, self._load_columns] = self._check_load(loads)
         if models is not None and len(models) != m:
             raise ValueError(f"{len(models)} models for {m} states: must be one for each")
         pool, data = self._pool(nthread)
@@ -352,8 +375,8 @@ class MujocoModel:
             A MjModel for `rollout`.
 
         Raises:
-            ValueError: bar lengths, time step, frame skip, integrator or whether actuators lag differ, or bar masses do
-                not all change by one factor; such an arm needs a MujocoModel of its own.
+            ValueError: the geometry, time step, frame skip, integrator or whether actuators lag differ, or bar masses
+                do not all change by one factor; such an arm needs a MujocoModel of its own.
         """
         mechanism, dynamics = mechanism or self.mechanism, dynamics or self.dynamics
         own = self.dynamics
@@ -362,11 +385,10 @@ class MujocoModel:
                 raise ValueError(f"Dynamics.{field} differs from that of the model: build another MujocoModel")
         if (dynamics.time_constant > 0) != (own.time_constant > 0):
             raise ValueError("only one of Dynamics.actuator_bandwidth and that of the model is 0: build another")
-        start = tuple(np.zeros(self.linkage.size).tolist())
-        for name, (x, y) in mechanism.nodes(start).items():
-            if abs(self.linkage.reference[name] - complex(x, y)) > 1e-12 * self.linkage.length:
-                raise ValueError("the bar lengths differ from those of the model: build another MujocoModel")
-        members = mechanism.members
+        skeleton = skeleton_of(mechanism)
+        if not self.linkage.fits(skeleton):
+            raise ValueError("the bar lengths differ from those of the model: build another MujocoModel")
+        members = skeleton.members
         model = copy(self.model)
         for member in members:
             if member.kind == "spring" and not member.is_input:
@@ -376,6 +398,10 @@ class MujocoModel:
         for i, member in enumerate(input_members(members)):
             if member.kind == "cable":
                 model.actuator_ctrlrange[i] = mechanism.design.min_tension, mechanism.design.max_tension
+            elif member.kind == "actuator":
+                stiffness = dynamics.servo_stiffness
+                model.actuator_gainprm[i, 0] = stiffness
+                model.actuator_biasprm[i, 1:3] = -stiffness, -stiffness * dynamics.servo_time
             else:
                 model.actuator_gainprm[i, 0], model.actuator_biasprm[i, 1] = member.stiffness, -member.stiffness
                 model.actuator_forcerange[i, 0] *= member.stiffness / self._inputs[i].stiffness
@@ -386,14 +412,20 @@ class MujocoModel:
         model.body_mass[self._tip] = dynamics.tip_mass if payload is None else payload
         model.opt.gravity[2] = -getattr(mechanism.design, "gravity", 0.0)
         # MuJoCo's damping may have coefficients of higher order behind the linear one
-        model.dof_damping.reshape(model.nv, -1)[:, 0] = dynamics.joint_damping
-        model.dof_frictionloss[:] = dynamics.joint_friction
+        turning = model.jnt_type[model.dof_jntid] != int(mujoco.mjtJoint.mjJNT_SLIDE)
+        model.dof_damping.reshape(model.nv, -1)[:, 0] = np.where(turning, dynamics.joint_damping, 0.0)
+        model.dof_frictionloss[:] = np.where(turning, dynamics.joint_friction, 0.0)
         mujoco.mj_setConst(model, self._scratch)
         return model
 
     def _scale_masses(self, model: Any, members: Sequence[Any], dynamics: Dynamics) -> None:
         own = [bar.mass for bar in self.mechanism.members if bar.kind == "bar"]
         new = [bar.mass for bar in members if bar.kind == "bar"]
+        if not own:  # a platform
+            factor = dynamics.platform_mass / self.dynamics.platform_mass
+            model.body_mass[:] *= factor
+            model.body_inertia[:] *= factor
+            return
         factor = max(new) / max(own) if max(own) else dynamics.bar_line_density / self.dynamics.bar_line_density
         if not factor or max(abs(b - factor * a) for a, b in zip(own, new, strict=True)) > 1e-12 * max(own):
             raise ValueError("the bar masses do not all change by one factor: build another MujocoModel")
@@ -414,7 +446,7 @@ class MujocoModel:
         self,
         inputs: Any,
         start: Any,
-        load: Sequence[float] = _NO_LOAD,
+        load: Sequence[float] | None = None,
         tolerance: float | None = None,
         max_steps: int = 20_000,
     ) -> Settled:
@@ -443,7 +475,7 @@ class MujocoModel:
             reason, steps = self._come_to_rest(data, calm_speed, max_steps)
         angles = data.qpos.copy()
         return Settled(
-            angles @ self.linkage.reading.T,
+            np.asarray(self.linkage.configuration(angles)),
             float(self.linkage.loop_error(angles)),
             float(abs(data.qacc).max()),
             steps,
@@ -467,10 +499,10 @@ class MujocoModel:
         return f"not at rest after {max_steps} steps", max_steps
 
     def _command(self, data: Any, inputs: np.ndarray, load: Any) -> None:
-        data.ctrl[:] = inputs
-        data.xfrc_applied[self._tip, 0], data.xfrc_applied[self._tip, 2] = self._check("load", load, 2)
+        data.ctrl[:] = 0.0 if self._is_ramped else inputs
+        data.xfrc_applied[self._tip, self._axes] = self._check_load(load)
 
-    def _at(self, q: Any, inputs: Any = None, load: Any = _NO_LOAD) -> Any:
+    def _at(self, q: Any, inputs: Any = None, load: Any = None) -> Any:
         """Scratch data at rest in the exactly closed configuration, with all forces but those of the constraints."""
         data = self._scratch
         inputs = self.input_bounds[0] if inputs is None else self._check_inputs(inputs)
@@ -481,7 +513,7 @@ class MujocoModel:
         mujoco.mj_fwdActuation(self.model, data)
         return data
 
-    def potential_energy(self, q: Any, inputs: Any, load: Sequence[float] = _NO_LOAD) -> float:
+    def potential_energy(self, q: Any, inputs: Any, load: Sequence[float] | None = None) -> float:
         """Potential energy [J] of gravity, springs, cables (tension times length) and load, as MuJoCo's forces have it.
 
         Weights are zero at the base, and the energy equals the mechanism's own.
@@ -501,11 +533,11 @@ class MujocoModel:
                 energy += commands[i] * length
             else:
                 stretched = length - commands[i]
-                energy += member.stiffness * (max(stretched, 0.0) if member.goes_slack else stretched) ** 2 / 2
-        force, tip = data.xfrc_applied[self._tip], data.xipos[self._tip]
-        return energy - float(force[0] * tip[0] + force[2] * tip[2])
+                stiffness = self.dynamics.servo_stiffness if member.kind == "actuator" else member.stiffness
+                energy += stiffness * (max(stretched, 0.0) if member.goes_slack else stretched) ** 2 / 2
+        return energy - float(data.xfrc_applied[self._tip, :3] @ data.xipos[self._tip])
 
-    def energy(self, state: np.ndarray, inputs: Any, load: Sequence[float] = _NO_LOAD) -> float:
+    def energy(self, state: np.ndarray, inputs: Any, load: Sequence[float] | None = None) -> float:
         """Kinetic and potential energy of a state [J]."""
         data = self._scratch
         self._load(data, self._check("state", state, self.state_size))
@@ -513,19 +545,19 @@ class MujocoModel:
         mujoco.mj_fwdPosition(self.model, data)
         return self._energy_of(data) + float(data.qvel @ self._full_mass_matrix(data) @ data.qvel) / 2
 
-    def energy_gradient(self, q: Any, inputs: Any, load: Sequence[float] = _NO_LOAD) -> np.ndarray:
+    def energy_gradient(self, q: Any, inputs: Any, load: Sequence[float] | None = None) -> np.ndarray:
         """Derivative of the potential energy in q [N m/rad], shape (n,): MuJoCo's forces, through the loops."""
         data = self._at(q, inputs, load)
         force = data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
         applied = np.zeros(self.model.nv)
         xfrc = data.xfrc_applied[self._tip]
         mujoco.mj_applyFT(self.model, data, xfrc[:3].copy(), xfrc[3:].copy(), data.xipos[self._tip], self._tip, applied)
-        return np.asarray(-(force + applied) @ self._rates_at(data.qpos.copy()))
+        return np.asarray(-(force + applied) @ self.linkage.rates_by_configuration(data.qpos.copy()))
 
     def mass_matrix(self, q: Any) -> np.ndarray:
         """Mass matrix in the coordinates q [kg m2], shape (n, n): kinetic energy = qdot . M qdot / 2."""
         data = self._at(q)
-        rates = self._rates_at(data.qpos.copy())
+        rates = self.linkage.rates_by_configuration(data.qpos.copy())
         return np.asarray(rates.T @ self._full_mass_matrix(data) @ rates)
 
     def _full_mass_matrix(self, data: Any) -> np.ndarray:
@@ -533,17 +565,11 @@ class MujocoModel:
         mujoco.mj_fullM(self.model, data, full)
         return full
 
-    def _rates_at(self, angles: np.ndarray) -> np.ndarray:
-        """d joint angles / d q, shape (hinges, n), that keeps the loops closed."""
-        rows = self.linkage.loop_jacobian(angles)
-        n = self.linkage.size
-        right = np.concatenate([np.zeros((len(rows), n)), np.eye(n)])
-        return np.linalg.solve(np.concatenate([rows, self.linkage.reading]), right)
-
     # ------------------------------------------------------------------------------------------------------- pictures
 
     def to_mjcf(self, path: str | Path, q: Any = None, inputs: Any = None) -> Path:
-        """Write the model as an MJCF file, for `python -m mujoco.viewer --mjcf=...`, whose sliders are the inputs.
+        """Write the model as an MJCF file, for `python -m mujoco.viewer --mjcf=...`, whose sliders are the inputs (of
+        prismatic actuators: their speeds).
 
         Args:
             path: of the file.
@@ -559,7 +585,8 @@ class MujocoModel:
             ctrl = self.input_bounds[0] if inputs is None else self._check_inputs(inputs)
             state = self.state(np.asarray(q, float).reshape(-1), None, ctrl)
             act = ctrl if self.model.na else []
-            spec.add_key(name="start", qpos=state[self._angles], ctrl=ctrl, act=act)
+            controls = np.zeros(self.input_size) if self._is_ramped else ctrl
+            spec.add_key(name="start", qpos=state[self._angles], ctrl=controls, act=act)
         spec.compile()
         path = Path(path)
         path.write_text(spec.to_xml())

@@ -11,6 +11,7 @@ from tensegrity_envs.rendering import Scene, tension_colour
 from tensegrity_envs.simulation.mujoco.displays import GL_HELP, require_display, require_gl
 from tensegrity_envs.simulation.mujoco.model import MujocoModel
 
+_CURVE = (0.85, 0.24, 0.05, 0.6)
 _TARGET, _TRACE, _LOAD = (0.85, 0.24, 0.05, 0.35), (0.10, 0.44, 0.76, 0.5), (0.84, 0.16, 0.16, 1.0)
 _TRACE_LENGTH = 60  # positions
 _LARGEST = 4096  # pixels
@@ -114,17 +115,20 @@ class Pictures:
         mujoco.mj_forward(model, data)
         for member in scene.members:
             tension = scene.tensions.get(member.name)
-            if tension is not None:
+            tendon = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, member.name)
+            if tension is not None and tendon >= 0:  # edges of a platform are none
                 red, green, blue = tension_colour(tension, scene.tension_bounds)
-                model.tendon_rgba[model.tendon(member.name).id] = red / 255, green / 255, blue / 255, 1.0
+                model.tendon_rgba[tendon] = red / 255, green / 255, blue / 255, 1.0
 
     def _decorate(self, drawn: Any, scene: Scene) -> None:
-        """Add target, trace and load to a scene of MuJoCo's."""
+        """Add target, its way, trace and load to a scene of MuJoCo's."""
+        for point in scene.curve:
+            _add_sphere(drawn, point, 0.004 * scene.reach, _CURVE)
         if scene.target is not None:
             _add_sphere(drawn, scene.target, max(scene.tolerance, 0.02 * scene.reach), _TARGET)
         for point in scene.trace[-_TRACE_LENGTH:]:
             _add_sphere(drawn, point, 0.006 * scene.reach, _TRACE)
-        force = np.hypot(*scene.load)
+        force = np.linalg.norm(scene.load)
         if force > 1e-3 * scene.load_scale:
             way = np.array(scene.load) / scene.load_scale * scene.reach / 4
             if drawn.ngeom < drawn.maxgeom:
@@ -145,8 +149,9 @@ class Pictures:
 
 
 def _in_space(point: Any) -> np.ndarray:
-    """A point of the mechanism's plane."""
-    return np.array([float(point[0]), 0.0, float(point[1])])
+    """A point of the mechanism's plane, or of space."""
+    x, *rest = (float(component) for component in point)
+    return np.array([x, *rest] if len(rest) == 2 else [x, 0.0, *rest])
 
 
 def _add_sphere(drawn: Any, point: Any, radius: float, rgba: tuple[float, ...]) -> None:

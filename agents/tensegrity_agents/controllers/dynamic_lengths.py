@@ -1,0 +1,218 @@
+"""The analytic controllers of prismatic actuators in dynamics: at full speed, shaped, along ramps, damped.
+
+All plan lengths; `Damping` then adds small deviations that calm the mechanism. Input shapers are those of Singer and
+Seering ("Preshaping Command Inputs to Reduce System Vibration", 1990).
+"""
+
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from tensegrity_agents.controllers.dynamic import Ramp, Sensed
+from tensegrity_agents.controllers.locked_modes import Damping, DampingMemory, FourBarModes, PrismModes
+from tensegrity_agents.controllers.spatial_prism.reading import Reading, read
+from tensegrity_envs.core import Core
+
+Pace = Literal["full", "shaped", "smooth"]
+_ADDS = {"full": "at full speed", "shaped": "shaped (ZVD)", "smooth": "smooth ramp"}
+
+
+class Laid(NamedTuple):
+    """What a laid out way carries from step to step.
+
+    Attributes:
+        plan: lengths after each step, shape (n, steps, inputs) [m].
+        step: of the episode, shape (n,).
+        damping: see `DampingMemory`.
+    """
+
+    plan: np.ndarray
+    step: np.ndarray
+    damping: DampingMemory
+
+
+def _choose(fresh: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+    return np.where(fresh.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+
+class FourBarWay(Ramp):
+    """The lengths that a quasi-static controller of the planar 4-bar would give, laid out when the episode begins.
+
+    Args:
+        core: of the environment.
+        base: makes the quasi-static controller, which feeds nothing back.
+        pace: at which they are followed: at full speed; the same through two zero-vibration-and-derivative shapers, for
+            the modes where the way ends; or along a minimum-jerk time course of 60 steps at least.
+        damped: whether deviations calm the mechanism.
+    """
+
+    def __init__(self, core: Core, base: Any, pace: Pace = "smooth", damped: bool = True) -> None:
+        simulation: Any = core.simulation
+        self.core, self.base, self.pace, self.is_damped = core, base(core), pace, damped
+        self.knows = f"{self.base.knows}; {_ADDS[pace]}{', active damping' if damped else ''}"
+        self.wants_privileged = getattr(self.base, "wants_privileged", False)
+        self.rate = float(simulation.rate)
+        self.low, self.high = simulation.bounds(core.nominal)
+        self.modes = FourBarModes(core)
+        self.damper = Damping(core, self.modes)
+
+    def sense(self, observation: Any) -> Sensed:
+        """Lengths and tip; velocities are left to the damping."""
+        vector = np.asarray(observation["observation"], float)
+        lengths = (vector[:, 2:4] * (self.high - self.low) + self.high + self.low) / 2
+        tip = np.asarray(observation["achieved_goal"], float)
+        return Sensed(lengths, tip, None, np.zeros_like(tip), {**observation, "observation": vector[:, :-4]})
+
+    def believed(self, sensed: Sensed, inputs: np.ndarray) -> np.ndarray:
+        """Nothing that is needed."""
+        return np.zeros_like(inputs)
+
+    def predict(  # type: ignore[override]
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Laid]:
+        """Actions (n, 2) for a batch of n observations."""
+        sensed = self.sense(observation)
+        n = len(sensed.tip)
+        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        if fresh.any():
+            ramp = self._begin(sensed)
+            plan = self._shaped(observation, ramp.plan) if self.pace == "shaped" else ramp.plan
+            new = Laid(plan, ramp.step, self.damper.begin(sensed.inputs))
+            if state is not None:
+                damping = DampingMemory(
+                    *(_choose(fresh, a, b) for a, b in zip(new.damping, state.damping, strict=True))
+                )
+                new = Laid(_choose(fresh, plan, state.plan), _choose(fresh, new.step, state.step), damping)
+            state = new
+        memory: Laid = state
+        wanted = memory.plan[np.arange(n), np.minimum(memory.step, memory.plan.shape[1] - 1)]
+        damping = memory.damping
+        if self.is_damped:
+            wanted, damping = self.damper.act(observation, sensed.inputs, wanted, damping)
+        action = np.clip((np.clip(wanted, self.low, self.high) - sensed.inputs) / self.rate, -1.0, 1.0)
+        return action, Laid(memory.plan, memory.step + 1, damping)
+
+    def _smooth(self, path: np.ndarray) -> np.ndarray:
+        return super()._smooth(path) if self.pace == "smooth" else path[:, 1:]
+
+    def _shaped(self, observation: Any, plan: np.ndarray) -> np.ndarray:
+        """The plan, a quarter of it now, half of it half a period later, a quarter a period later; for each mode."""
+        n, length, _ = plan.shape
+        _, _, branch = self.modes.read(observation, plan[:, -1])
+        halves = self.damper.half_periods(plan[:, -1], branch)
+        plan = np.concatenate([plan, np.repeat(plan[:, -1:], 50, axis=1)], axis=1)
+        start = self.sense(observation).inputs[:, None]
+        for half in halves.T:
+            moved = 0.25 * plan
+            for share, delay in ((0.5, half), (0.25, 2 * half)):
+                at = np.maximum(np.arange(length + 50) + 1 - delay[:, None], 0.0)  # 0: the start, k: the plan's k-th
+                whole = np.concatenate([start, plan], axis=1)
+                before = np.minimum(at.astype(int), length + 49)
+                part = (at - before)[..., None]
+                rows = np.arange(n)[:, None]
+                moved = moved + share * ((1 - part) * whole[rows, before] + part * whole[rows, before + 1])
+            plan = moved
+        return plan
+
+
+class FourBarFeedback(FourBarWay):
+    """The pseudo-inverse controller of the planar 4-bar, slowed down not to drive the vibration, and damped."""
+
+    slowed = 0.15
+
+    def __init__(self, core: Core, base: Any, damped: bool = True) -> None:
+        super().__init__(core, base, "full", damped)
+        self.base.gain *= self.slowed
+        self.base.patience = int(self.base.patience / self.slowed)
+        self.knows = f"{self.base.knows}; slowed down{', active damping' if damped else ''}"
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Actions (n, 2) for a batch of n observations."""
+        sensed = self.sense(observation)
+        n = len(sensed.tip)
+        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        damping, base = self.damper.begin(sensed.inputs), None
+        if state is not None:
+            damping = DampingMemory(*(_choose(fresh, a, b) for a, b in zip(damping, state[0], strict=True)))
+            base = state[1]
+        inputs = damping.lengths
+        action, base = self.base.predict(self.with_inputs(sensed, inputs), base, fresh, deterministic=True)
+        wanted = np.clip(inputs + self.rate * action, self.low, self.high)
+        if self.is_damped:
+            commanded, damping = self.damper.act(observation, sensed.inputs, wanted, damping)
+        else:
+            commanded, damping = wanted, damping._replace(lengths=wanted)
+        step = np.clip(commanded, self.low, self.high) - sensed.inputs
+        return np.clip(step / self.rate, -1.0, 1.0), (damping, base)
+
+
+class PrismWay:
+    """A quasi-static controller of the spatial prism that follows the curve, shaped or not, damped or not.
+
+    Args:
+        core: of the environment.
+        base: makes the quasi-static controller.
+        pace: "full", or "shaped": a quarter each of the goals now and in two steps, half of the one in a step. The
+            curve is known ahead, so that shaping does not delay.
+        damped: whether deviations calm the platform.
+    """
+
+    def __init__(self, core: Core, base: Any, pace: Pace = "full", damped: bool = True) -> None:
+        self.core, self.base, self.pace, self.is_damped = core, base(core), pace, damped
+        self.knows = f"{self.base.knows}; {_ADDS[pace]}{', active damping' if damped else ''}"
+        self.wants_privileged = getattr(self.base, "wants_privileged", False)
+        simulation: Any = core.simulation
+        self.rate = float(simulation.rate)
+        self.low, self.high = simulation.bounds(core.nominal)
+        self.damper = Damping(core, PrismModes(core))
+
+    def begin_episodes(self, mask: np.ndarray, design: Any, privileged: Any = None) -> None:
+        """Hand over what the quasi-static controller asks for."""
+        self.base.begin_episodes(mask, design, privileged)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Actions (n, 3) for a batch of n observations."""
+        reading = read(observation, self.core)
+        n = len(reading.tip)
+        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        damping, step = self.damper.begin(reading.lengths), np.zeros(n, int)
+        if state is not None:
+            damping = DampingMemory(*(_choose(fresh, a, b) for a, b in zip(damping, state[0], strict=True)))
+            step = np.where(fresh, 0, state[1])
+        commanded = planned = self.planned(observation, reading, step, damping.lengths)
+        if self.is_damped:
+            commanded, damping = self.damper.act(observation, reading.lengths, planned, damping)
+        else:
+            damping = damping._replace(lengths=planned)
+        action = np.clip((np.clip(commanded, self.low, self.high) - reading.lengths) / self.rate, -1.0, 1.0)
+        return action, (damping, step + 1)
+
+    def planned(self, observation: Any, reading: Reading, step: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """Lengths after this step, shape (n, 3) [m]; `before` those planned a step ago."""
+        if self.pace == "full":
+            return np.asarray(self.base._lengths(reading, step))
+        now = np.asarray(observation["desired_goal"], float)
+        ahead = np.asarray(observation["observation"], float)[:, 9:12]
+        later = reading.tip + 2 * float(self.rate) * ahead / np.maximum(1 - np.abs(ahead), 1e-12)
+        goals = ((0.25, now), (0.5, reading.next_goal), (0.25, later))
+        return np.asarray(sum(w * self.base._lengths(reading._replace(next_goal=goal), step) for w, goal in goals))
+
+
+class PrismFeedback(PrismWay):
+    """Resolved rate: the goal's own step, and a share of the way from the measured position to the goal."""
+
+    slowed = 0.15
+
+    def __init__(self, core: Core, base: Any, damped: bool = True) -> None:
+        super().__init__(core, base, "full", damped)
+        self.knows = f"{self.base.knows}; slowed down{', active damping' if damped else ''}"
+
+    def planned(self, observation: Any, reading: Reading, step: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """See `PrismWay.planned`."""
+        now = np.asarray(observation["desired_goal"], float)
+        way = reading.next_goal - now + self.slowed * (now - reading.tip)
+        return np.asarray(self.base._lengths(reading._replace(lengths=before, next_goal=reading.tip + way), step))
