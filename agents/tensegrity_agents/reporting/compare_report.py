@@ -12,7 +12,7 @@ from tensegrity_agents.config import Experiment
 from tensegrity_agents.evaluation.compare import Comparison, Progress
 from tensegrity_agents.reporting import figures, table, video
 from tensegrity_agents.reporting.report import collect_metadata, write_report
-from tensegrity_envs.mechanics import TwoXDesign
+from tensegrity_envs.mechanics import PlanarFourBarDesign, TwoXDesign
 from tensegrity_envs.seeding import TEST_SEED
 from tensegrity_envs.tasks import Hold, Track
 
@@ -82,7 +82,7 @@ def write_comparison(
         comparison.controllers,
         TEST_SEED + experiment.video_episode,
         folder / "side_by_side.gif",
-        max_steps=core.task.cycle if tracks else 100,
+        max_steps=core.task.cycle if tracks else gym.spec(experiment.env).max_episode_steps or 100,
     )
     drawn("video")
     descriptions = [policy.description for policy in comparison.agents.values()]
@@ -130,11 +130,19 @@ def _tracking_errors(controller: Any, experiment: Experiment, count: int = 300) 
 
 
 def _tips(core: Any, count: int = 40_000) -> np.ndarray:
-    """Tip positions (2, count) of random configurations within the joint limits that the inputs can hold [m]."""
-    limit = float(core.design.joint_limit)
-    q = tuple(np.random.default_rng(0).uniform(-limit, limit, (core.nominal.degrees_of_freedom, count)))
+    """Tip positions (2, count) [m]: of random configurations within the joint limits that the inputs can hold, of the
+    planar 4-bar mechanism those of random stable rectangles.
+    """
+    rng = np.random.default_rng(0)
     low, high = core.simulation.bounds(core.nominal)
-    inputs = core.simulation.usual_inputs(core.nominal, q, (0.0, 0.0))
+    if isinstance(core.design, PlanarFourBarDesign):
+        lengths = rng.uniform(low, high, (2, count))
+        lengths = lengths[:, (lengths**2).sum(axis=0) < (2 * core.nominal.length) ** 2]
+        return np.concatenate([np.stack(core.nominal.rectangle(tuple(lengths), side)[1]) for side in (1.0, -1.0)], 1)
+    limit = float(core.design.joint_limit)
+    q = tuple(rng.uniform(-limit, limit, (core.nominal.degrees_of_freedom, count)))
+    control = getattr(core.simulation, "control", core.simulation)  # of a dynamic one, the inputs that it moves
+    inputs = control.usual_inputs(core.nominal, q, (0.0, 0.0))
     held = np.all([(value >= low) & (value <= high) for value in inputs], axis=0)
     return np.stack(core.nominal.tip(q))[:, held]
 
