@@ -77,7 +77,6 @@ DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
         "closed_form_damped": partial(FourBarWay, base=planar_four_bar.ClosedFormIK, pace="full"),
         "closed_form_ramp": partial(FourBarWay, base=planar_four_bar.ClosedFormIK),
         "pseudo_inverse": partial(FourBarFeedback, base=planar_four_bar.PseudoInverse),
-        "oracle": partial(FourBarWay, base=planar_four_bar.Oracle),
     },
     "SpatialPrismTrack": {
         "closed_form_ik": partial(PrismWay, base=spatial_prism.ClosedFormIK, damped=False),

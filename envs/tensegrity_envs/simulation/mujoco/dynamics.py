@@ -34,7 +34,7 @@ class Dynamics:
     joint_damping: float = 0.02
     joint_friction: float = 0.0
     platform_mass: float = 0.5
-    servo_stiffness: float = 1e9
+    servo_stiffness: float = 1e10
     servo_time: float = 0.001
     actuator_bandwidth: float = 0.0
     timestep: float = 0.001
