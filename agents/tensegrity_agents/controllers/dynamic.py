@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_envs.core import Core
+from tensegrity_envs.mechanics.structure import is_array, rebuild
 
 _PLANNED = 100  # steps of the quasi-static controller that are laid out in advance
 _PEAK = 15 / 8  # largest speed of the minimum-jerk time course, 1 being the mean
+_COURSE = int(_PEAK * _PLANNED)  # steps of a course
 _RATE_SCALE = 0.2  # [s], of velocities in observations
 
 
@@ -59,9 +61,11 @@ class Dynamic:
         self.low, self.high = simulation.bounds(core.nominal)
         self.mass = np.asarray(engine.model.mass_matrix(np.zeros(engine.joints)))
         self.joints = int(engine.joints)
+        self.told: tuple[Any, Any] = core.design, None  # at the beginning of the episodes: design, privileged
 
     def begin_episodes(self, mask: np.ndarray, design: Any, privileged: Any = None) -> None:
         """Hand over what the quasi-static controller asks for."""
+        self.told = design, privileged
         self.base.begin_episodes(mask, design, privileged)
 
     def sense(self, observation: Any) -> Sensed:
@@ -141,12 +145,10 @@ class RampMemory(NamedTuple):
     Attributes:
         plan: inputs after each step, shape (n, steps, inputs).
         step: of the episode, shape (n,).
-        base: configurations that the plan begins in, shape (n, joints) [rad].
     """
 
     plan: np.ndarray
     step: np.ndarray
-    base: np.ndarray
 
 
 class Ramp(Dynamic):
@@ -166,39 +168,39 @@ class Ramp(Dynamic):
         sensed = self.sense(observation)
         n = len(sensed.tip)
         fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        if state is None:
+            state = RampMemory(np.zeros((n, _COURSE, self.core.simulation.action_size)), np.zeros(n, int))
+        memory = RampMemory(*(np.array(part) for part in state))
         if fresh.any():
-            new = self._begin(sensed)
-            old = new if state is None else state
-            state = RampMemory(*(self._where(fresh, a, b) for a, b in zip(new, old, strict=True)))
-        memory: RampMemory = state
+            index = np.flatnonzero(fresh)
+            memory.plan[index], memory.step[index] = self._laid_out(sensed, index), 0
         rows = np.arange(n)
         wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
         action = self.damped(sensed, wanted, self.believed(sensed, wanted))
         return action, memory._replace(step=memory.step + 1)
 
-    @staticmethod
-    def _where(fresh: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
-        return np.where(fresh.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-
-    def _begin(self, sensed: Sensed) -> RampMemory:
-        """Let the quasi-static controller act, as if its arm were where it says it is."""
-        inputs, state = sensed.inputs, None
+    def _laid_out(self, sensed: Sensed, index: np.ndarray) -> np.ndarray:
+        """The plans of some environments: what the quasi-static controller does, its arm being where it says."""
+        rest = {key: np.asarray(value)[index] for key, value in sensed.rest.items()}
+        part = sensed._replace(rest=rest)
+        start = np.ones(len(index), bool)
+        design, privileged = self.told
+        self.base.begin_episodes(start, design, rebuild(privileged, is_array, lambda value: value[index]))
+        inputs, state = sensed.inputs[index], None
         path = [inputs]
-        start = np.ones(len(inputs), bool)
         for _ in range(_PLANNED):
-            action, state = self.base.predict(self.with_inputs(sensed, inputs), state, start, deterministic=True)
+            action, state = self.base.predict(self.with_inputs(part, inputs), state, start, deterministic=True)
             inputs = np.clip(inputs + self.rate * action, self.low, self.high)
             path.append(inputs)
-            start = np.zeros(len(inputs), bool)
-        course = self._smooth(np.stack(path, axis=1))
-        return RampMemory(course, np.zeros(len(inputs), int), self.believed(sensed, sensed.inputs))
+            start = np.zeros(len(index), bool)
+        return self._smooth(np.stack(path, axis=1))
 
     def _smooth(self, path: np.ndarray) -> np.ndarray:
         """The same way in the same shape, at another pace."""
         moving = np.abs(np.diff(path, axis=1)).max(axis=2) > 1e-9 * (self.high - self.low)
         length = np.where(moving.any(axis=1), path.shape[1] - 1 - moving[:, ::-1].argmax(axis=1), 0)
         steps = np.maximum(np.ceil(_PEAK * length), self.shortest)
-        s = np.minimum(np.arange(1, int(_PEAK * _PLANNED) + 1) / steps[:, None], 1.0)
+        s = np.minimum(np.arange(1, _COURSE + 1) / steps[:, None], 1.0)
         place = length[:, None] * (10 * s**3 - 15 * s**4 + 6 * s**5)
         before = np.minimum(np.floor(place).astype(int), path.shape[1] - 2)
         share = (place - before)[..., None]

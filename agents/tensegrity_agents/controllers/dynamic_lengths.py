@@ -53,6 +53,7 @@ class FourBarWay(Ramp):
         self.wants_privileged = getattr(self.base, "wants_privileged", False)
         self.rate = float(simulation.rate)
         self.low, self.high = simulation.bounds(core.nominal)
+        self.told = core.design, None
         self.modes = FourBarModes(core)
         self.damper = Damping(core, self.modes)
 
@@ -75,9 +76,9 @@ class FourBarWay(Ramp):
         n = len(sensed.tip)
         fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
         if fresh.any():
-            ramp = self._begin(sensed)
-            plan = self._shaped(observation, ramp.plan) if self.pace == "shaped" else ramp.plan
-            new = Laid(plan, ramp.step, self.damper.begin(sensed.inputs))
+            plan = self._laid_out(sensed, np.arange(n))
+            plan = self._shaped(observation, plan) if self.pace == "shaped" else plan
+            new = Laid(plan, np.zeros(n, int), self.damper.begin(sensed.inputs))
             if state is not None:
                 damping = DampingMemory(
                     *(_choose(fresh, a, b) for a, b in zip(new.damping, state.damping, strict=True))
