@@ -62,7 +62,7 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
 DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
     "TwoXReach": {
         "closed_form_ramp": partial(Ramp, base=two_x.ClosedFormIK),
-        "pseudo_inverse": partial(Feedback, base=two_x.PseudoInverse),
+        "pseudo_inverse": partial(Feedback, base=two_x.PseudoInverse, slowed=0.1),
         "oracle": partial(Ramp, base=two_x.Oracle),
     },
     "DualTriangleReach": {

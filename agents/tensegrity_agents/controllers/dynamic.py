@@ -216,16 +216,21 @@ class FeedbackMemory(NamedTuple):
 
 
 class Feedback(Dynamic):
-    """A quasi-static controller that feeds back the tip error: damped, and slowed down, not to drive the vibration."""
+    """A quasi-static controller that feeds back the tip error: damped, and slowed down, not to drive the vibration.
+
+    Args:
+        core: of the environment.
+        base: makes the quasi-static controller.
+        slowed: share of its steps that is taken.
+    """
 
     adds = "slowed down, active damping"
-    slowed = 0.15  # share of the quasi-static controller's steps that is taken
 
-    def __init__(self, core: Core, base: Any) -> None:
+    def __init__(self, core: Core, base: Any, slowed: float = 0.15) -> None:
         super().__init__(core, base)
-        self.base.gain *= self.slowed
-        if hasattr(self.base, "integral_gain"):
-            self.base.integral_gain *= self.slowed**2  # it adds up over more steps
+        self.base.gain *= slowed
+        # The steps move the commanded configuration, which is integral action already; more of it feeds the vibration.
+        self.base.integral_gain = 0.0
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
