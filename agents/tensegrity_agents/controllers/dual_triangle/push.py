@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_agents.controllers.base import AnalyticController
 from tensegrity_agents.controllers.dual_triangle.identification import explain
 from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
 from tensegrity_agents.controllers.dual_triangle.stiffening import Loop, hold, withstood
 from tensegrity_agents.controllers.privileged import Privileged
-from tensegrity_envs.core import Core
-from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
-from tensegrity_envs.simulation import Episode
+from tensegrity_envs.mechanics.dual_triangle import DualTriangleDesign
 
 _PLACES = 180  # on the self-motion curve
 _FINE = np.linspace(-1.0, 1.0, 11)
@@ -41,32 +40,18 @@ class Memory(NamedTuple):
     offset: np.ndarray
 
 
-class PushController:
+class PushController(AnalyticController):
     """What the controllers of this task share.
 
     Args:
         core: of the environment.
     """
 
-    wants_privileged = False
-    knows = ""
-
-    def __init__(self, core: Core) -> None:
-        self.core = core
-        self.rate = core.simulation.rate
-        self.privileged: Episode | None = None
-        self._take(core.design)
-
     def _take(self, design: DualTriangleDesign) -> None:
+        super()._take(design)
         simulation: Any = self.core.simulation
-        self.nominal = DualTriangle(design, self.core.nominal.segments)
         low, high = simulation.bounds(self.nominal)
         self.bounds = float(low), float(high)
-
-    def begin_episodes(self, mask: np.ndarray, design: DualTriangleDesign, privileged: Episode | None = None) -> None:
-        """Take the nominal design and, if this controller asks for it, the true episodes."""
-        self._take(design)
-        self.privileged = privileged
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

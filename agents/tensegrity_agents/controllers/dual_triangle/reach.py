@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_agents.controllers.base import AnalyticController
 from tensegrity_agents.controllers.dual_triangle.identification import advance, explain
 from tensegrity_agents.controllers.dual_triangle.planning import RoadMap, choose_posture, schedule
 from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
 from tensegrity_agents.controllers.privileged import Privileged
-from tensegrity_envs.core import Core
-from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
+from tensegrity_envs.mechanics.dual_triangle import DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
-from tensegrity_envs.simulation import Episode
 
 _POSTURES = np.random.default_rng(0).uniform(-1.0, 1.0, (400, 3))  # of the joint limits
 _STEPS = 100  # planned ahead; afterwards the last inputs are held
@@ -56,34 +55,19 @@ def _nothing(n: int) -> Memory:
     )
 
 
-class ReachController:
+class ReachController(AnalyticController):
     """Plans the inputs of an episode when it begins, and follows the plan. Subclasses say how they plan.
 
     Args:
         core: of the environment.
     """
 
-    wants_privileged = False
-    knows = ""
-
-    def __init__(self, core: Core) -> None:
-        self.core = core
-        self.rate = core.simulation.rate
-        self.nominal: DualTriangle = core.nominal
-        self.privileged: Episode | None = None
-        self._take(core.design)
-
     def _take(self, design: DualTriangleDesign) -> None:
+        super()._take(design)
         simulation: Any = self.core.simulation
-        self.nominal = DualTriangle(design, self.core.nominal.segments)
         self.bound = float(simulation.bounds(self.nominal)[1])
         # Up to here the unloaded arm can be held, too; beyond its joint limit an episode ends.
         self.joint_limit = 0.98 * min(float(design.joint_limit), float(self.nominal.segment.control_limit))
-
-    def begin_episodes(self, mask: np.ndarray, design: DualTriangleDesign, privileged: Episode | None = None) -> None:
-        """Take the nominal design and, if this controller asks for it, the true episodes."""
-        self._take(design)
-        self.privileged = privileged
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

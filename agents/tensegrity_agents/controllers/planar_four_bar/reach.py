@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_agents.controllers.base import AnalyticController
 from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, way_points
 from tensegrity_agents.controllers.planar_four_bar.reading import Reading, configuration, force_across, read, side
 from tensegrity_agents.controllers.privileged import Privileged
-from tensegrity_envs.core import Core
-from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
-from tensegrity_envs.simulation import Episode
+from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBarDesign
 
 
 class Memory(NamedTuple):
@@ -54,35 +53,21 @@ def _nothing(lengths: np.ndarray) -> Memory:
     )
 
 
-class ReachController:
+class ReachController(AnalyticController):
     """Follows a way of actuator lengths. Subclasses say how it is planned.
 
     Args:
         core: of the environment.
     """
 
-    wants_privileged = False
-    knows = ""
-
-    def __init__(self, core: Core) -> None:
-        self.core = core
-        self.rate = core.simulation.rate
-        self.privileged: Episode | None = None
-        self._take(core.design)
-
     def _take(self, design: PlanarFourBarDesign) -> None:
-        self.nominal = PlanarFourBar(design)
+        super()._take(design)
         simulation: Any = self.core.simulation
         low, high = simulation.bounds(self.nominal)
         self.bounds = (float(low), float(high))
         points = way_points(self.nominal, 40)
         pairs = np.stack([np.repeat(points[:24], 24, axis=0), np.tile(points[:24], (24, 1))], axis=1)
         self.table = np.concatenate([np.repeat(points[:, None], 2, axis=1), pairs[::3]])
-
-    def begin_episodes(self, mask: np.ndarray, design: PlanarFourBarDesign, privileged: Episode | None = None) -> None:
-        """Take the nominal design and, if this controller asks for it, the true episodes."""
-        self._take(design)
-        self.privileged = privileged
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

@@ -4,36 +4,21 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_agents.controllers.base import AnalyticController
 from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_agents.controllers.spatial_prism.identification import identify
 from tensegrity_agents.controllers.spatial_prism.reading import Reading, read
-from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.namespace import Component, Components
 from tensegrity_envs.mechanics.spatial_prism import SpatialPrism, SpatialPrismDesign
-from tensegrity_envs.simulation import Episode
 
 
-class TrackController:
+class TrackController(AnalyticController):
     """Sets the lengths at which the platform will be on the goal one step ahead. Subclasses say which those are.
 
     Args:
         core: of the environment.
     """
-
-    wants_privileged = False
-    knows = ""
-
-    def __init__(self, core: Core) -> None:
-        self.core = core
-        self.rate = core.simulation.rate
-        self.nominal: SpatialPrism = core.nominal
-        self.privileged: Episode | None = None
-
-    def begin_episodes(self, mask: np.ndarray, design: SpatialPrismDesign, privileged: Episode | None = None) -> None:
-        """Take the nominal design and, if this controller asks for it, the true episodes."""
-        self.nominal = SpatialPrism(design)
-        self.privileged = privileged
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
