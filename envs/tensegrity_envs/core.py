@@ -127,6 +127,11 @@ def squashed(rates: Iterable[Component]) -> list[Component]:
     return [_RATE_SCALE * rate / (1 + abs(_RATE_SCALE * rate)) for rate in rates]
 
 
+def unsquashed(values: np.ndarray) -> np.ndarray:
+    """The rates [1/s] of which `squashed` made these."""
+    return np.asarray(values / (1 - np.abs(values)) / _RATE_SCALE)
+
+
 class Core(ABC):
     """What the shells run. A subclass brings a mechanism, the way it is driven and drawn, and what is seen of it.
 
@@ -502,8 +507,7 @@ class Core(ABC):
         """The outcomes with other goals, and whether there is one only, without a batch."""
         achieved, desired, batch, single = self._goals(achieved_goal, desired_goal, info)
         episode = self.episode_of(batch, tuple(desired.T))
-        random = {name: np.asarray(batch[f"random_{name}"], float) for name in self.episodes.rows.random}
-        episode = episode._replace(random=random)
+        episode = episode._replace(random=self.random_of(batch))
         n = len(achieved)
         if self.randomization.is_noisy:
             achieved = np.asarray(batch["true_goal"], float)
@@ -519,6 +523,10 @@ class Core(ABC):
         )
         state = self.with_achieved(state, tuple(achieved.T))
         return self.tell(self.episodes.pack(episode, n), self.states.pack(state, n)), single
+
+    def random_of(self, info: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What was randomized, as `info` tells it; see `Episode.random`."""
+        return {name: np.asarray(info[f"random_{name}"], float) for name in self.episodes.rows.random}
 
     def with_achieved(self, state: State, achieved: Components) -> State:
         """The state of which `achieved` tells that."""

@@ -4,17 +4,17 @@ Both wrap a controller of the quasi-static environments and work in the space of
 every mechanism. They add what those lack: a time course that does not set the arm swinging, and active damping.
 """
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.core import Core
+from tensegrity_envs.core import Core, unsquashed
 from tensegrity_envs.mechanics.structure import is_array, rebuild
 
 _PLANNED = 100  # steps of the quasi-static controller that are laid out in advance
 _PEAK = 15 / 8  # largest speed of the minimum-jerk time course, 1 being the mean
 _COURSE = int(_PEAK * _PLANNED)  # steps of a course
-_RATE_SCALE = 0.2  # [s], of velocities in observations
 
 
 class Sensed(NamedTuple):
@@ -59,9 +59,14 @@ class Dynamic:
         simulation: Any = core.simulation
         self.rate = float(simulation.rate)
         self.low, self.high = simulation.bounds(core.nominal)
-        self.mass = np.asarray(engine.model.mass_matrix(np.zeros(engine.joints)))
         self.joints = int(engine.joints)
         self.told: tuple[Any, Any] = core.design, None  # at the beginning of the episodes: design, privileged
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """The arm's mass matrix at q = 0 [kg m2], shape (joints, joints)."""
+        engine: Any = self.core.engine
+        return np.asarray(engine.model.mass_matrix(np.zeros(self.joints)))
 
     def begin_episodes(self, mask: np.ndarray, design: Any, privileged: Any = None) -> None:
         """Hand over what the quasi-static controller asks for."""
@@ -74,8 +79,7 @@ class Dynamic:
         size = self.core.simulation.action_size
         everything = bool(self.core.observe_all)  # type: ignore[attr-defined]
         count = self.joints if everything else 2
-        squashed = vector[:, -count:]
-        velocity = squashed / (1 - np.abs(squashed)) / _RATE_SCALE * (1.0 if everything else self.core.reach)
+        velocity = unsquashed(vector[:, -count:]) * (1.0 if everything else self.core.reach)
         angles = vector[:, 2 + size : 2 + size + 2 * self.joints]
         return Sensed(
             (vector[:, 2 : 2 + size] * (self.high - self.low) + self.high + self.low) / 2,

@@ -47,13 +47,9 @@ class FourBarWay(Ramp):
     """
 
     def __init__(self, core: Core, base: Any, pace: Pace = "smooth", damped: bool = True) -> None:
-        simulation: Any = core.simulation
-        self.core, self.base, self.pace, self.is_damped = core, base(core), pace, damped
+        super().__init__(core, base)
+        self.pace, self.is_damped = pace, damped
         self.knows = f"{self.base.knows}; {_ADDS[pace]}{', active damping' if damped else ''}"
-        self.wants_privileged = getattr(self.base, "wants_privileged", False)
-        self.rate = float(simulation.rate)
-        self.low, self.high = simulation.bounds(core.nominal)
-        self.told = core.design, None
         self.modes = FourBarModes(core)
         self.damper = Damping(core, self.modes)
 

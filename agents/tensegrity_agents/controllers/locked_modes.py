@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from scipy.linalg import expm
 
-from tensegrity_envs.core import Core
+from tensegrity_envs.core import Core, unsquashed
 from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagonals
 
 _STEP = 1e-5  # of differences, as a share of the scale of lengths
@@ -103,11 +103,6 @@ class PrismModes:
     def stiffness(self, w: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """See `Modes`."""
         return _matrices(self.nominal.stiffness_matrix(tuple(self.place(w, lengths).T)), len(w))
-
-
-def unsquashed(values: np.ndarray) -> np.ndarray:
-    """Rates [1/s] from `core.squashed`."""
-    return np.asarray(values / (1 - np.abs(values)) / 0.2)
 
 
 def _matrices(rows: Any, n: int) -> np.ndarray:

@@ -157,8 +157,7 @@ class DualTriangleReach(_DualTriangle):
 
     def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
-        names = ("stiffness",)
-        design = self._randomized({k: np.asarray(info[f"random_{k}"]) for k in names if f"random_{k}" in info})
+        design = self._randomized(self.random_of(info))
         return Episode(design, tuple(np.asarray(info["load"], float).T), (), goal)
 
 

@@ -156,8 +156,7 @@ class PlanarFourBarReach(Core):
 
     def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
-        names = ("stiffness",)
-        design = self._randomized({k: np.asarray(info[f"random_{k}"]) for k in names if f"random_{k}" in info})
+        design = self._randomized(self.random_of(info))
         q, load = (tuple(np.asarray(info[name], float).T) for name in ("configuration", "load"))
         return Episode(design, load, (), goal, self._solutions(goal, q))
 

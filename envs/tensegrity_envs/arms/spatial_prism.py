@@ -170,8 +170,7 @@ class SpatialPrismTrack(Core):
         load = tuple(np.asarray(info["load"], float).T) if self.hidden_names else ()
         onset = still if self.hidden_names else None
         motion = tuple((still,) * (2 * HARMONICS) for _ in goal)
-        names = ("stiffness",)
-        design = self._randomized({k: np.asarray(info[f"random_{k}"]) for k in names if f"random_{k}" in info})
+        design = self._randomized(self.random_of(info))
         return Episode(design, load, (), goal, onset=onset, motion=motion, cycle=self.cycle)
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:

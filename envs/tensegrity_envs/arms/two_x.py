@@ -143,8 +143,7 @@ class TwoXReach(Core):
 
     def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
-        names = ("stiffness", "mass")
-        design = self._randomized({k: np.asarray(info[f"random_{k}"]) for k in names if f"random_{k}" in info})
+        design = self._randomized(self.random_of(info))
         if self.payload_range is not None:
             design = replace(design, payload=np.asarray(info["payload"], float))
         solutions = feasible_solutions(TwoX(design), *goal) if self.task.reward_type == "dense" else ()

@@ -1,6 +1,4 @@
-"""How actions move a mechanism: quasi-statically, from equilibrium to equilibrium (MuJoCo's dynamics will stand
-beside it).
-"""
+"""How actions move a mechanism: quasi-statically, from equilibrium to equilibrium, or with its dynamics."""
 
 from tensegrity_envs.simulation.lengths import LengthControl
 from tensegrity_envs.simulation.protocol import FAILURES, Episode, Simulation, State
