@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 import tensegrity_envs
 from tensegrity_agents.controllers import baselines_of
+from tensegrity_agents.sb3.hints import Hints
 
 
 class ConfigError(ValueError):
@@ -65,6 +66,9 @@ class TrainConfig(_Strict):
         0.5, gt=0, description="divides goals before the network sees them [m]; such as half the reach"
     )
     goal_is_angles: bool = Field(False, description="goals are angles on the torus, see GoalErrorExtractor")
+    model_hints: bool = Field(
+        False, description="the nominal model tells the agent what it makes of the observation, see sb3.hints"
+    )
     env_options: dict[str, Any] = Field({}, description="further arguments of the environment while training")
     ppo: PPOSettings = PPOSettings()
     off_policy: OffPolicySettings = OffPolicySettings()
@@ -112,6 +116,14 @@ class Experiment(_Strict):
     def compared(self) -> list[str]:
         """The controllers that agents are compared with: those given, else all baselines of the environment."""
         return list(baselines_of(self.env)) if self.controllers is None else self.controllers
+
+    @model_validator(mode="after")
+    def _hints_are_there(self) -> "Experiment":
+        if self.train.model_hints:
+            Hints(self.env)
+            if self.train.algorithm != "ppo" and self.train.off_policy.her:
+                raise ValueError("model_hints: true does not go with her: true, which changes goals but not hints")
+        return self
 
     @model_validator(mode="after")
     def _env_options_fit(self) -> "Experiment":

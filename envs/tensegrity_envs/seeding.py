@@ -8,6 +8,8 @@ whatever ran before.
 Training uses seeds below VALIDATION_SEED; tuning and the published tables use their own streams.
 """
 
+from copy import copy
+
 import numpy as np
 
 VALIDATION_SEED = 1_000_000_000
@@ -33,10 +35,20 @@ def uniform(seed: np.ndarray, episode: np.ndarray, draw: int | np.ndarray) -> np
         episode: shape (n,), integers.
         draw: which number of the episode, or an array that broadcasts against seed and episode.
     """
+    return _numbers(_keys(seed, episode), draw)
+
+
+def _keys(seed: np.ndarray, episode: np.ndarray) -> np.ndarray:
+    """What all numbers of an episode share, for each (seed, episode) pair."""
     with np.errstate(over="ignore"):
         z = _mix(np.asarray(seed).astype(np.uint64) + _GOLDEN)
-        z = _mix(z + np.asarray(episode).astype(np.uint64) * _GOLDEN)
-        z = _mix(z + np.atleast_1d(np.asarray(draw) + 1).astype(np.uint64) * _GOLDEN)
+        return _mix(z + np.asarray(episode).astype(np.uint64) * _GOLDEN)
+
+
+def _numbers(keys: np.ndarray, draw: int | np.ndarray) -> np.ndarray:
+    """Number `draw` of the episodes with these keys, in [0, 1)."""
+    with np.errstate(over="ignore"):
+        z = _mix(keys + np.atleast_1d(np.asarray(draw) + 1).astype(np.uint64) * _GOLDEN)
     return (z >> np.uint64(11)) * 2.0**-53
 
 
@@ -44,18 +56,18 @@ class EpisodeStream:
     """The draws of a batch of episodes, one after another, so that no number is used twice."""
 
     def __init__(self, seed: np.ndarray, episode: np.ndarray, first: int = 0) -> None:
-        self._seed, self._episode, self._next = seed, episode, first
+        self._keys, self._next = _keys(seed, episode), first
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> np.ndarray:
         """The next number of every episode, shape (n,)."""
         self._next += 1
-        return low + (high - low) * uniform(self._seed, self._episode, self._next - 1)
+        return low + (high - low) * _numbers(self._keys, self._next - 1)
 
     def block(self, count: int) -> np.ndarray:
         """The next `count` numbers of every episode, uniform in [0, 1), shape (count, n)."""
         self._next += count
         draws = np.arange(self._next - count, self._next)
-        return uniform(self._seed[None], self._episode[None], draws[:, None])
+        return _numbers(self._keys[None], draws[:, None])
 
     def skip(self, draws: int) -> None:
         """Leave out the next numbers, which streams made by `at` have used."""
@@ -63,4 +75,6 @@ class EpisodeStream:
 
     def at(self, index: np.ndarray) -> "EpisodeStream":
         """The same streams for the episodes at `index`, from the next draw on."""
-        return EpisodeStream(self._seed[index], self._episode[index], self._next)
+        part = copy(self)
+        part._keys = self._keys[index]
+        return part

@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from scipy.stats import ks_2samp
 
 import tensegrity_envs  # noqa: F401
 from tensegrity_envs.mechanics import ZHAO2021_CAPTION, ZHAO2021_TEXT, DualTriangle, DualTriangleDesign
@@ -145,6 +146,26 @@ def test_starts_for_holding_are_on_target_within_all_bounds_and_of_both_elbows()
     assert 0.45 < up < 0.55
     # unloaded: each pair of springs balances about its own pivot
     assert balance(DualTriangle(), tuple(info["configuration"].T), tuple(info["free_lengths"].T), (0.0, 0.0)) < 1e-12
+
+
+def test_starts_for_holding_are_as_likely_as_when_every_angle_is_tried():
+    core = gym.make(PUSH).unwrapped.core
+    drawn = core.draw(np.arange(20_000), np.zeros(20_000, int))
+    angles = np.stack(drawn.configuration)
+    # Rejection from all first angles and elbows, without the sampler's table, for the same targets.
+    rng = np.random.default_rng(0)
+    x = np.asarray(drawn.episode.goal[0])
+    other = np.full((3, len(x)), np.nan)
+    pending = np.arange(len(x))
+    while len(pending):
+        tries = rng.uniform(-0.95, 0.95, len(pending)), rng.choice([-1.0, 1.0], len(pending))
+        q, good = core.sampler.start(x[pending], *tries)
+        other[:, pending[good]] = np.stack(q)[:, good]
+        pending = pending[~good]
+    for low in np.linspace(x.min(), x.max(), 6)[:-1]:
+        part = (x >= low) & (x < low + np.ptp(x) / 5)
+        for one, two in zip(angles[:, part], other[:, part], strict=True):
+            assert ks_2samp(one, two).pvalue > 1e-4
 
 
 @pytest.mark.parametrize("design", [ZHAO2021_CAPTION, ZHAO2021_TEXT], ids=["caption", "text"])

@@ -20,6 +20,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import MultiInputPolicy as SACPolicy
 
 from tensegrity_agents.sb3.features import GoalErrorExtractor
+from tensegrity_agents.sb3.hints import Hints
 
 FORMAT = 1
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
@@ -59,18 +60,25 @@ class Normalization:
 
 
 class TrainedPolicy:
-    """A trained agent as a controller: takes the raw observation, and normalizes it as in training."""
+    """A trained agent as a controller: takes the raw observation, and treats it as in training.
 
-    knows = "only what it observes; trained by trial and error"
+    Attributes:
+        knows: what it is told and measures, for tables.
+        hints: what the nominal model tells it beside the observation; None for an agent without.
+    """
 
     def __init__(self, policy: BasePolicy, normalization: Normalization, description: dict[str, Any]) -> None:
         self.policy, self.normalization, self.description = policy, normalization, description
+        self.hints = Hints(description["env"]) if description.get("model_hints") else None
+        told = "what it observes, and what the nominal model says about that" if self.hints else "only what it observes"
+        self.knows = f"{told}; trained by trial and error"
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Actions for one observation or a batch."""
-        return self.policy.predict(self.normalization(observation), deterministic=deterministic)
+        seen = observation if self.hints is None else self.hints(observation)
+        return self.policy.predict(self.normalization(seen), deterministic=deterministic)
 
 
 def policy_kwargs(
@@ -178,6 +186,8 @@ def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
     try:
         mean, variance = (tensors.pop(_NORMALIZE + key).numpy() for key in ("mean", "variance"))
         observation_space, action_space = _spaces(env)
+        if description.get("model_hints"):
+            observation_space = Hints(env).space(observation_space)
         policy = _POLICIES[algorithm](
             observation_space, action_space, lambda _: 0.0, **policy_kwargs(algorithm, *settings)
         )

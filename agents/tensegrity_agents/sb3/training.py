@@ -25,6 +25,7 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
 from tensegrity_agents.config import Experiment, TrainConfig
+from tensegrity_agents.sb3.hints import HintedVecEnv, Hints
 from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, policy_kwargs, save_policy
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
@@ -114,6 +115,7 @@ def train(
         "goal_error_scales": settings.goal_error_scales,
         "goal_is_angles": settings.goal_is_angles,
         "goal_scale": settings.goal_scale,
+        "model_hints": settings.model_hints,
         "seed": seed,
         "timesteps": model.num_timesteps,
         "training_seconds": round(time.monotonic() - begun, 1),
@@ -153,6 +155,8 @@ def _environment(experiment: Experiment) -> VecNormalize:
         inner: Any = VectorEnvAdapter(envs, stagger=True)
     else:
         inner = DummyVecEnv([lambda: gym.make(experiment.env, **settings.env_options)])
+    if settings.model_hints:
+        inner = HintedVecEnv(inner, Hints(experiment.env))
     return VecNormalize(VecMonitor(inner), norm_obs_keys=["observation"], norm_reward=False)
 
 

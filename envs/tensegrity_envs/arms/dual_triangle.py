@@ -5,9 +5,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tensegrity_envs.arms.dual_triangle_sampling import Sampler, hold_start
+from tensegrity_envs.arms.dual_triangle_holding import HoldSampler
+from tensegrity_envs.arms.dual_triangle_sampling import Sampler
 from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_angles
-from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.namespace import Component, Components, to_single
 from tensegrity_envs.randomization import Randomization
@@ -19,8 +19,7 @@ from tensegrity_envs.simulation.quasi_static import DeltaControl, FreeLengthCont
 from tensegrity_envs.tasks import Hold, HoldWeights, Reach, ReachWeights
 
 SEGMENTS = 3
-_MAX_ATTEMPTS = 3200
-_AT_FIRST = 2  # attempts of every episode in one call; then twice as many in each
+_TARGETS = (5.0, 5.9)  # of holding, along x, in b
 
 
 class _DualTriangle(Core):
@@ -210,35 +209,16 @@ class DualTrianglePush(_DualTriangle):
             reward_type=reward_type,
             weights=HoldWeights.given(reward_weights),
         )
+        b = float(design.b1)
+        highest = float(self.simulation.bounds(self.nominal)[1])
+        self.sampler = HoldSampler(self.nominal, (_TARGETS[0] * b, _TARGETS[1] * b), highest)
         self.set_spaces(self._observation_size())
 
     def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
         """Targets uniform in x from 5.0 b to 5.9 b, at y = 0; starts uniform over the first angles that hold them."""
-        n = len(seed)
         stream = EpisodeStream(seed, episode)
-        x = to_single(float(self.design.b1) * stream.uniform(5.0, 5.9))
-        q = np.zeros((SEGMENTS, n))
-        highest = float(self.simulation.bounds(self.nominal)[1])
-        pending, tried, count = np.arange(n), 0, _AT_FIRST
-        while len(pending):
-            if tried >= _MAX_ATTEMPTS:
-                raise RuntimeError(f"no start found for {self.design} in {tried} draws")
-            m = len(pending)
-            share, side = stream.at(pending).block(2 * count).reshape(count, 2, m).swapaxes(0, 1).reshape(2, count * m)
-            stream.skip(2 * count)
-            posture, good = evaluate(
-                hold_start,
-                self.design,
-                SEGMENTS,
-                np.tile(x[pending], count),
-                1.9 * share - 0.95,
-                np.where(side < 0.5, -1.0, 1.0),
-                highest,
-            )
-            fits = good.reshape(count, m)
-            found, first = fits.any(axis=0), fits.argmax(axis=0)
-            q[:, pending[found]] = np.stack(posture).reshape(SEGMENTS, count, m)[:, first[found], found]
-            pending, tried, count = pending[~found], tried + count, 2 * count  # the same draws whatever the counts
+        x = to_single(stream.uniform(*self.sampler.targets))
+        q = self.sampler.draw(stream, x)
         episodes = Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), (x, 0.0 * x))
         return Drawn(episodes, tuple(q), None)
 

@@ -16,7 +16,6 @@ _MIN_MARGIN = 0.02  # stability margin of starts and targets [-]
 _LEGS = 3  # of the walk from the start to the target
 _WALK = 80  # steps that the walk takes at most
 _MAX_ATTEMPTS = 1000
-_FROM_LIMIT = 0.05  # of the joint angles of starts for holding [rad]
 
 
 class Start(NamedTuple):
@@ -152,39 +151,3 @@ def _largest(arm: DualTriangle, values: Components) -> Component:
     for value in values[1:]:
         largest = xp.maximum(largest, abs(value))
     return largest
-
-
-def hold_start(
-    design: DualTriangleDesign, segments: int, x: Component, share: Component, side: Component, highest: Component
-) -> tuple[Components, Component]:
-    """A posture with the tip at (x, 0), and whether it can be held there within all limits. Traceable.
-
-    Args:
-        design: of an arm of three segments.
-        segments: three.
-        x: target [m].
-        share: in [-1, 1]: how far the first angle is from zero, as a share of the largest with which the last two
-            links still reach the target.
-        side: 1 or -1, of the elbow.
-        highest: free length [m].
-    """
-    arm = DualTriangle(design, segments)
-    xp = arm._xp(x, share)
-    first, second, last = arm.link_lengths
-    u = x - design.b1
-    # Law of cosines: from pivot 2 to the tip it is at most second + last
-    widest = _arccos(xp, (u * u + first * first - (second + last) ** 2) / (2 * u * first))
-    q1 = share * widest
-    px, py = u - first * xp.cos(q1), -first * xp.sin(q1)
-    q3 = side * _arccos(xp, (px * px + py * py - second * second - last * last) / (2 * second * last))
-    q2 = xp.atan2(py, px) - xp.atan2(last * xp.sin(q3), second + last * xp.cos(q3)) - q1
-    q = (q1, q2, q3)
-    lengths = arm.free_lengths(arm.control(q))
-    good = (arm.limit_margin(q) > _FROM_LIMIT) & (arm.stability_margin(q, lengths) > 0)
-    for length in lengths:
-        good = good & (length >= 0) & (length <= highest)
-    return q, good
-
-
-def _arccos(xp: Any, c: Component) -> Component:
-    return xp.atan2(xp.sqrt(xp.maximum(1 - c * c, 0.0)), c)

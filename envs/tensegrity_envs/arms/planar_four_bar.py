@@ -11,11 +11,10 @@ from tensegrity_envs.mechanics.namespace import Component, Components, namespace
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
 from tensegrity_envs.randomization import Randomization
-from tensegrity_envs.simulation.actuator_lengths import LARGEST_THRUST, LoadedLengthControl, RectangleControl
+from tensegrity_envs.simulation.actuator_lengths import LARGEST_THRUST, LoadedLengthControl, RectangleControl, is_open
 from tensegrity_envs.simulation.dynamic import DynamicControl
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import Episode, State
-from tensegrity_envs.simulation.skeleton import side_of_diagonals
 from tensegrity_envs.tasks import InputReach, ReachWeights
 
 # A bar of 2 kg and 10 m swings once in a second or two, so that a step takes 0.1 s.
@@ -24,6 +23,8 @@ DYNAMICS = Dynamics(joint_damping=50.0, servo_time=0.004, timestep=0.004, frame_
 
 class PlanarFourBarReach(Core):
     """The planar 4-bar reaching environments.
+
+    On which side of the line CD an episode begins is drawn, and told as info["random_side"], 1 or -1.
 
     Args:
         design: of the mechanism that controllers are told about.
@@ -89,8 +90,6 @@ class PlanarFourBarReach(Core):
             reward_type=reward_type,
             weights=ReachWeights.given(reward_weights),
         )
-        # Under an unknown force solutions on this side and on the other cannot be told apart for relabelled goals.
-        self.with_solutions = load_range is None and reward_type == "dense"
         self.sampler = Sampler(self.nominal, control, load_range)
         velocities = (4 if self.observe_all else 2) if observe_velocities else 0
         self.set_spaces(4 + (6 if self.observe_all else 0) + velocities)
@@ -104,19 +103,20 @@ class PlanarFourBarReach(Core):
         random = self.randomization.draw(seed, episode)
         start = self.sampler.draw(seed, episode)
         goal = tuple(to_single(component) for component in start.target)
-        solutions = self._solutions(goal, start.configuration)
-        episodes = Episode(self._randomized(random), start.load, (), goal, solutions, random)
+        solutions = self._solutions(goal, start.side)
+        drawn = random | {"side": start.side}
+        episodes = Episode(self._randomized(random), start.load, (), goal, solutions, drawn)
         return Drawn(episodes, start.configuration, start.lengths)
 
-    def _solutions(self, goal: Components, q: Components) -> tuple[Components, ...]:
-        """Actuator lengths of the unloaded rectangles, on the side of a state, with F at goals of shape (n,) [m].
+    def _solutions(self, goal: Components, side: np.ndarray) -> tuple[Components, ...]:
+        """Actuator lengths of unloaded rectangles on a side that the arm can take, with F at goals of shape (n,) [m].
 
-        Four; those that do not exist are out of reach.
+        Four; those that do not exist are out of reach. Under a force they are off the target, but lead near it.
         """
-        if not self.with_solutions:
+        if self.task.reward_type != "dense":
             return ()
         found, sides, exists = rectangles(self.nominal, *goal)
-        fits = exists & (sides == side_of_diagonals(q))
+        fits = exists & (sides == side) & is_open(self.nominal, tuple(found))
         found = np.where(fits, found, 100 * self.reach)
         return tuple((found[0, k], found[1, k]) for k in range(4))
 
@@ -156,9 +156,9 @@ class PlanarFourBarReach(Core):
 
     def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
-        design = self._randomized(self.random_of(info))
-        q, load = (tuple(np.asarray(info[name], float).T) for name in ("configuration", "load"))
-        return Episode(design, load, (), goal, self._solutions(goal, q))
+        random = self.random_of(info)
+        load = tuple(np.asarray(info["load"], float).T)
+        return Episode(self._randomized(random), load, (), goal, self._solutions(goal, random["side"]))
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""

@@ -19,12 +19,15 @@ _MAX_ATTEMPTS = 1000
 
 
 class Start(NamedTuple):
-    """Configurations [rad], lengths [m] and loads [N] of n mechanisms at rest, and tips that they can reach [m]."""
+    """Configurations [rad], lengths [m] and loads [N] of n mechanisms at rest, tips that they can reach [m], and the
+    sides of CD on which they begin, 1 or -1.
+    """
 
     configuration: Components
     lengths: Components
     load: Components
     target: Components
+    side: np.ndarray
 
 
 class Sampler:
@@ -71,7 +74,7 @@ class Sampler:
                 whole[:, done] = np.stack(part)[:, good]
             pending = pending[~good]
             if not len(pending):
-                return Start(tuple(q), tuple(lengths), tuple(load), tuple(target))
+                return Start(tuple(q), tuple(lengths), tuple(load), tuple(target), side)
         raise RuntimeError(f"no start found for {self.mechanism.design} in {_MAX_ATTEMPTS} draws: lower load_range")
 
     def _lengths(self, stream: EpisodeStream) -> Components:

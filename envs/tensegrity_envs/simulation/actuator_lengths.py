@@ -20,6 +20,20 @@ def wrench_margin(mechanism: PlanarFourBar, q: Components, lengths: Components, 
     return 1 - xp.maximum(abs(p1), abs(p2)) / (LARGEST_THRUST * mechanism.largest_force)
 
 
+def stroke(mechanism: PlanarFourBar) -> tuple[Component, Component]:
+    """Shortest and longest actuator length [m]."""
+    low, high = STROKE
+    return 2 * low * mechanism.length, 2 * high * mechanism.length
+
+
+def is_open(mechanism: PlanarFourBar, lengths: Components) -> Component:
+    """Whether unloaded rectangles of these lengths are within the stroke and not singular."""
+    low, high = stroke(mechanism)
+    square, rest = mechanism.flatness(lengths)
+    inside = (lengths[0] >= low) & (lengths[0] <= high) & (lengths[1] >= low) & (lengths[1] <= high)
+    return inside & (square >= LEAST_STIFFNESS / 2) & (rest >= LEAST_STIFFNESS / 2)
+
+
 class LoadedLengthControl(InputControl):
     """Under a force: the mechanism follows its stable equilibrium in (theta, gamma) by continuation.
 
@@ -33,9 +47,8 @@ class LoadedLengthControl(InputControl):
         self.rate = STEP_SHARE * float(mechanism.length)
 
     def bounds(self, mechanism: PlanarFourBar) -> tuple[Component, Component]:
-        """Shortest and longest actuator length [m]."""
-        low, high = STROKE
-        return 2 * low * mechanism.length, 2 * high * mechanism.length
+        """See `stroke`."""
+        return stroke(mechanism)
 
     def statics(self, mechanism: PlanarFourBar, u: Components, inputs: Components, load: Components) -> Any:
         """See `PlanarFourBar.statics`."""

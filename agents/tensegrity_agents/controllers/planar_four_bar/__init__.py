@@ -1,5 +1,7 @@
-"""Analytic controllers of the planar 4-bar mechanism."""
+"""Analytic controllers of the planar 4-bar mechanism, and what its nominal model tells agents."""
 
+from tensegrity_agents.controllers.planar_four_bar.hints import SIZE as HINTS
+from tensegrity_agents.controllers.planar_four_bar.hints import hints
 from tensegrity_agents.controllers.planar_four_bar.reach import ClosedFormIK, Observer, Oracle, PseudoInverse
 
-__all__ = ["ClosedFormIK", "Observer", "Oracle", "PseudoInverse"]
+__all__ = ["HINTS", "ClosedFormIK", "Observer", "Oracle", "PseudoInverse", "hints"]
