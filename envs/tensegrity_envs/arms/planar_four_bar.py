@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tensegrity_envs.arms.planar_four_bar_sampling import Sampler
+from tensegrity_envs.arms.planar_four_bar_sampling import SAFE_MARGIN, Sampler
 from tensegrity_envs.core import Core, Drawn, sees_everything, squashed, tip_inputs_and_angles
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
@@ -109,14 +109,15 @@ class PlanarFourBarReach(Core):
         return Drawn(episodes, start.configuration, start.lengths)
 
     def _solutions(self, goal: Components, side: np.ndarray) -> tuple[Components, ...]:
-        """Actuator lengths of unloaded rectangles on a side that the arm can take, with F at goals of shape (n,) [m].
+        """Actuator lengths of unloaded rectangles on a side, with F at goals of shape (n,) [m].
 
-        Four; those that do not exist are out of reach. Under a force they are off the target, but lead near it.
+        Four; those that do not exist or are too close to a singularity are out of reach. Under a force they are off
+        the target, but lead near it.
         """
         if self.task.reward_type != "dense":
             return ()
         found, sides, exists = rectangles(self.nominal, *goal)
-        fits = exists & (sides == side) & is_open(self.nominal, tuple(found))
+        fits = exists & (sides == side) & is_open(self.nominal, tuple(found), SAFE_MARGIN)
         found = np.where(fits, found, 100 * self.reach)
         return tuple((found[0, k], found[1, k]) for k in range(4))
 

@@ -12,6 +12,7 @@ from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl, wrench_margin
 
 _MARGIN = 0.1  # stability margin of unloaded starts and targets [-]
+SAFE_MARGIN = 0.9 * _MARGIN  # which solutions of targets have that are told in single precision
 _LOADED_MARGIN = 0.02  # under a load
 _LEGS = 3  # of the walk from the start to the target
 _WALK = 80  # steps that the walk takes at most

@@ -26,12 +26,12 @@ def stroke(mechanism: PlanarFourBar) -> tuple[Component, Component]:
     return 2 * low * mechanism.length, 2 * high * mechanism.length
 
 
-def is_open(mechanism: PlanarFourBar, lengths: Components) -> Component:
-    """Whether unloaded rectangles of these lengths are within the stroke and not singular."""
+def is_open(mechanism: PlanarFourBar, lengths: Components, margin: float = LEAST_STIFFNESS) -> Component:
+    """Whether unloaded rectangles of these lengths are within the stroke and have at least this stability margin."""
     low, high = stroke(mechanism)
     square, rest = mechanism.flatness(lengths)
     inside = (lengths[0] >= low) & (lengths[0] <= high) & (lengths[1] >= low) & (lengths[1] <= high)
-    return inside & (square >= LEAST_STIFFNESS / 2) & (rest >= LEAST_STIFFNESS / 2)
+    return inside & (2 * square >= margin) & (2 * rest >= margin)
 
 
 class LoadedLengthControl(InputControl):

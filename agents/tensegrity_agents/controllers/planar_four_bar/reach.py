@@ -10,7 +10,14 @@ import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController
 from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, way_points
-from tensegrity_agents.controllers.planar_four_bar.reading import Reading, configuration, force_across, read, side
+from tensegrity_agents.controllers.planar_four_bar.reading import (
+    Reading,
+    configuration,
+    force_across,
+    read,
+    resolved_rate,
+    side,
+)
 from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBarDesign
 
@@ -154,18 +161,13 @@ class PseudoInverse(ReachController):
         error = reading.target - reading.tip
         memory = self._watch(reading, np.hypot(*error.T), here, memory)
         crossing = memory.leg > 0
-        step = np.where(crossing[:, None], memory.way[:, 0] - lengths, self._resolved_rate(lengths, here, error))
+        step = np.where(
+            crossing[:, None],
+            memory.way[:, 0] - lengths,
+            resolved_rate(self.nominal, lengths, here, self.gain * error, self.damping),
+        )
         step = step / np.maximum(np.abs(step).max(axis=1, keepdims=True) / self.rate, 1.0)
         return self._turned_aside(lengths, step) / self.rate, memory
-
-    def _resolved_rate(self, lengths: np.ndarray, here: np.ndarray, error: np.ndarray) -> np.ndarray:
-        square, rest = self.nominal.flatness(tuple(lengths.T))
-        regular = np.minimum(square, rest) > 1e-3
-        safe = np.where(regular[:, None], lengths, float(self.nominal.length) * np.array([1.2, 0.8]))
-        jacobian: np.ndarray = np.moveaxis(np.array(self.nominal.jacobian(tuple(safe.T), here)), -1, 0)
-        inner = np.einsum("nij,nkj->nik", jacobian, jacobian) + self.damping**2 * np.eye(2)
-        wanted = self.gain * error
-        return np.asarray(np.einsum("nji,njk,nk->ni", jacobian, np.linalg.inv(inner), wanted))
 
     def _turned_aside(self, lengths: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The step, turned until the lengths keep off the singularities; or less far in, where they are too close."""

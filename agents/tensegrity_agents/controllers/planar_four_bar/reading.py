@@ -1,4 +1,4 @@
-"""What an analytic controller reads off the observation of a planar 4-bar mechanism, and the force that it reveals."""
+"""What the nominal model makes of an observation of a planar 4-bar mechanism: its state, its force, its next step."""
 
 from typing import Any, NamedTuple
 
@@ -70,3 +70,23 @@ def force_across(mechanism: PlanarFourBar, reading: Reading) -> tuple[np.ndarray
     across = np.stack([-np.sin(q[:, 1]), np.cos(q[:, 1])], axis=1)
     gradient = mechanism.energy_gradient(tuple(q.T), lengths)[1]  # balanced by L t . f
     return across, np.asarray(gradient) / float(mechanism.length)
+
+
+def resolved_rate(
+    mechanism: PlanarFourBar, lengths: np.ndarray, here: np.ndarray, error: np.ndarray, damping: float
+) -> np.ndarray:
+    """Changes of the lengths that move the tip by `error`, by the damped pseudo-inverse of the unloaded Jacobian.
+
+    Args:
+        mechanism: nominal.
+        lengths: shape (n, 2) [m].
+        here: see `side`.
+        error: shape (n, 2) [m].
+        damping: added to the singular values, squared [-].
+    """
+    square, rest = mechanism.flatness(tuple(lengths.T))
+    regular = np.minimum(square, rest) > 1e-3
+    safe = np.where(regular[:, None], lengths, float(mechanism.length) * np.array([1.2, 0.8]))
+    jacobian: np.ndarray = np.moveaxis(np.array(mechanism.jacobian(tuple(safe.T), here)), -1, 0)
+    inner = np.einsum("nij,nkj->nik", jacobian, jacobian) + damping**2 * np.eye(2)
+    return np.asarray(np.einsum("nji,njk,nk->ni", jacobian, np.linalg.inv(inner), error))

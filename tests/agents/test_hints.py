@@ -1,0 +1,96 @@
+"""What the nominal model tells agents: against forward kinematics and simulations, in training and from a file."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tensegrity_agents.config import Experiment
+from tensegrity_agents.sb3.hints import HintedVecEnv, Hints
+from tensegrity_agents.sb3.policy_file import load_policy
+from tensegrity_agents.sb3.training import train
+from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
+from tensegrity_envs.mechanics import PlanarFourBar
+
+REACH, LOADED = "tensegrity/PlanarFourBarReach-v0", "tensegrity/PlanarFourBarLoadedReach-v0"
+ARM = PlanarFourBar()
+
+
+def make_vec(env_id, count):
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point")
+
+
+def told(env_id, count):
+    """Observation, info, and the hints alone."""
+    observation, info = make_vec(env_id, count).reset(seed=3)
+    return observation, info, Hints(env_id)(observation)["observation"][:, observation["observation"].shape[1] :]
+
+
+def test_the_gap_leads_to_the_target():
+    observation, info, hints = told(REACH, 500)
+    lengths = info["actuator_lengths"] + 20.0 * hints[:, :2]
+    _, tip = ARM.rectangle(tuple(lengths.T), info["random_side"])
+    np.testing.assert_allclose(np.stack(tip, 1), observation["desired_goal"], atol=2e-4)
+    np.testing.assert_allclose(hints[:, 2:4], np.tanh(40.0 * hints[:, :2]), atol=1e-5)
+    np.testing.assert_allclose(hints[:, 4:6], np.tanh(400.0 * hints[:, :2]), atol=1e-3)
+    assert np.abs(hints[:, 10]).max() < 1e-3  # nothing pushes
+
+
+def test_the_step_leads_to_a_target_close_by():
+    observation, info, _ = told(REACH, 500)
+    angle = np.random.default_rng(0).uniform(-np.pi, np.pi, 500)
+    wanted = 0.01 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    observation["desired_goal"] = observation["achieved_goal"] + wanted
+    hints = Hints(REACH)(observation)["observation"][:, -5:-3]
+    lengths = info["actuator_lengths"] + 0.05 * np.arctanh(hints)
+    _, tip = ARM.rectangle(tuple(lengths.T), info["random_side"])
+    left = np.hypot(*(np.stack(tip, 1) - observation["desired_goal"]).T)
+    assert np.median(left) < 0.001  # a tenth of the way; where the Jacobian is nearly singular damping keeps it back
+    assert (left < 0.01).mean() > 0.99
+
+
+def test_the_force_across_the_bar_is_the_load():
+    _, info, hints = told(LOADED, 500)
+    across, share = hints[:, 8:10], hints[:, 10]
+    force = (across * info["load"]).sum(axis=1) / 1000.0
+    np.testing.assert_allclose(share, force, atol=2e-3)
+    np.testing.assert_allclose(np.hypot(*across.T), 1.0, atol=1e-5)
+
+
+def test_single_observations_terminal_ones_and_batches_agree():
+    hints = Hints(REACH)
+    envs = HintedVecEnv(VectorEnvAdapter(make_vec(REACH, 8)), hints)
+    envs.seed(0)
+    observation = envs.reset()
+    assert observation["observation"].shape == (8, envs.observation_space["observation"].shape[0])
+    rng = np.random.default_rng(0)
+    ended = 0
+    for _ in range(110):
+        observation, _, done, infos = envs.step(rng.uniform(-1, 1, (8, 2)).astype(np.float32))
+        for i in np.flatnonzero(done):
+            assert infos[i]["terminal_observation"]["observation"].shape == observation["observation"][i].shape
+            ended += 1
+    assert ended >= 8
+    plain = make_vec(REACH, 4).reset(seed=0)[0]
+    for i, row in enumerate(hints(plain)["observation"]):
+        np.testing.assert_array_equal(hints({k: v[i] for k, v in plain.items()})["observation"], row)
+
+
+def test_a_policy_with_hints_survives_its_file(tmp_path):
+    settings = {
+        "total_timesteps": 1024,
+        "net_arch": [8],
+        "model_hints": True,
+        "ppo": {"num_envs": 64, "n_steps": 16, "n_epochs": 1},
+    }
+    policy = train(Experiment(env=LOADED, train=settings), 0, tmp_path)
+    observation, _ = make_vec(LOADED, 16).reset(seed=0)
+    again = load_policy(tmp_path, LOADED)
+    np.testing.assert_array_equal(policy.predict(observation)[0], again.predict(observation)[0])
+    assert "nominal model" in again.knows
+
+
+def test_hints_that_there_are_not_are_refused():
+    with pytest.raises(ValueError, match=r"none for tensegrity/TwoXReach-v0; there are for .*PlanarFourBarReach-v0"):
+        Experiment(env="TwoXReach-v0", train={"total_timesteps": 1, "model_hints": True})
+    with pytest.raises(ValueError, match="her"):
+        Experiment(env=REACH, train={"total_timesteps": 1, "model_hints": True, "algorithm": "sac"})
