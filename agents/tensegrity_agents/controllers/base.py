@@ -1,11 +1,28 @@
 """What the analytic controllers share."""
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from tensegrity_envs.core import Core
 from tensegrity_envs.simulation import Episode
+
+Memory = TypeVar("Memory", bound="tuple[np.ndarray, ...]")
+
+
+def beginning(count: int, state: Any, episode_start: Any) -> np.ndarray:
+    """Which of `count` environments begin an episode, from the arguments of `predict`: all, if these do not say."""
+    if state is None or episode_start is None:
+        return np.ones(count, bool)
+    return np.asarray(episode_start, bool)
+
+
+def renewed(begins: np.ndarray, new: Memory, old: Memory | None) -> Memory:
+    """A memory, a NamedTuple of arrays (n, ...): the new one where an episode begins, elsewhere the old one."""
+    if old is None:
+        return new
+    where = [begins.reshape(-1, *[1] * (part.ndim - 1)) for part in new]
+    return type(new)(*(np.where(w, a, b) for w, a, b in zip(where, new, old, strict=True)))
 
 
 class AnalyticController:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_agents.controllers.base import beginning
 from tensegrity_envs.core import Core, unsquashed
 from tensegrity_envs.mechanics.structure import is_array, rebuild
 
@@ -171,7 +172,7 @@ class Ramp(Dynamic):
         """Actions (n, inputs) for a batch of n observations."""
         sensed = self.sense(observation)
         n = len(sensed.tip)
-        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        fresh = beginning(n, state, episode_start)
         if state is None:
             state = RampMemory(np.zeros((n, _COURSE, self.core.simulation.action_size)), np.zeros(n, int))
         memory = RampMemory(*(np.array(part) for part in state))
@@ -242,7 +243,7 @@ class Feedback(Dynamic):
         """Actions (n, inputs) for a batch of n observations."""
         sensed = self.sense(observation)
         n = len(sensed.tip)
-        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        fresh = beginning(n, state, episode_start)
         inputs = sensed.inputs if state is None else np.where(fresh[:, None], sensed.inputs, state.inputs)
         before = None if state is None else state.base
         action, base = self.base.predict(self.with_inputs(sensed, inputs), before, fresh, deterministic=True)

@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from tensegrity_agents.controllers.base import beginning, renewed
 from tensegrity_agents.controllers.dynamic import Ramp, Sensed
 from tensegrity_agents.controllers.locked_modes import Damping, DampingMemory, FourBarModes, PrismModes
 from tensegrity_agents.controllers.spatial_prism.reading import Reading, read
@@ -29,10 +30,6 @@ class Laid(NamedTuple):
     plan: np.ndarray
     step: np.ndarray
     damping: DampingMemory
-
-
-def _choose(fresh: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
-    return np.where(fresh.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
 
 class FourBarWay(Ramp):
@@ -70,24 +67,27 @@ class FourBarWay(Ramp):
         """Actions (n, 2) for a batch of n observations."""
         sensed = self.sense(observation)
         n = len(sensed.tip)
-        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        fresh = beginning(n, state, episode_start)
+        plan: Any
+        plan, step, damping = (None, np.zeros(n, int), None) if state is None else state
+        damping = renewed(fresh, self.damper.begin(sensed.inputs), damping)
         if fresh.any():
-            plan = self._laid_out(sensed, np.arange(n))
-            plan = self._shaped(observation, plan) if self.pace == "shaped" else plan
-            new = Laid(plan, np.zeros(n, int), self.damper.begin(sensed.inputs))
-            if state is not None:
-                damping = DampingMemory(
-                    *(_choose(fresh, a, b) for a, b in zip(new.damping, state.damping, strict=True))
-                )
-                new = Laid(_choose(fresh, plan, state.plan), _choose(fresh, new.step, state.step), damping)
-            state = new
-        memory: Laid = state
-        wanted = memory.plan[np.arange(n), np.minimum(memory.step, memory.plan.shape[1] - 1)]
-        damping = memory.damping
+            index = np.flatnonzero(fresh)
+            new = self._planned(observation, sensed, index)
+            plan = np.zeros((n, *new.shape[1:])) if plan is None else plan.copy()
+            plan[index], step = new, np.where(fresh, 0, step)
+        wanted = plan[np.arange(n), np.minimum(step, plan.shape[1] - 1)]
         if self.is_damped:
             wanted, damping = self.damper.act(observation, sensed.inputs, wanted, damping)
         action = np.clip((np.clip(wanted, self.low, self.high) - sensed.inputs) / self.rate, -1.0, 1.0)
-        return action, Laid(memory.plan, memory.step + 1, damping)
+        return action, Laid(plan, step + 1, damping)
+
+    def _planned(self, observation: Any, sensed: Sensed, index: np.ndarray) -> np.ndarray:
+        """Lengths after each step of the environments at `index`, shape (m, steps, 2) [m]."""
+        plan = self._laid_out(sensed, index)
+        if self.pace != "shaped":
+            return plan
+        return self._shaped({key: np.asarray(value)[index] for key, value in observation.items()}, plan)
 
     def _smooth(self, path: np.ndarray) -> np.ndarray:
         return super()._smooth(path) if self.pace == "smooth" else path[:, 1:]
@@ -129,11 +129,9 @@ class FourBarFeedback(FourBarWay):
         """Actions (n, 2) for a batch of n observations."""
         sensed = self.sense(observation)
         n = len(sensed.tip)
-        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
-        damping, base = self.damper.begin(sensed.inputs), None
-        if state is not None:
-            damping = DampingMemory(*(_choose(fresh, a, b) for a, b in zip(damping, state[0], strict=True)))
-            base = state[1]
+        fresh = beginning(n, state, episode_start)
+        damping, base = (None, None) if state is None else state
+        damping = renewed(fresh, self.damper.begin(sensed.inputs), damping)
         inputs = damping.lengths
         action, base = self.base.predict(self.with_inputs(sensed, inputs), base, fresh, deterministic=True)
         wanted = np.clip(inputs + self.rate * action, self.low, self.high)
@@ -175,11 +173,9 @@ class PrismWay:
         """Actions (n, 3) for a batch of n observations."""
         reading = read(observation, self.core)
         n = len(reading.tip)
-        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
-        damping, step = self.damper.begin(reading.lengths), np.zeros(n, int)
-        if state is not None:
-            damping = DampingMemory(*(_choose(fresh, a, b) for a, b in zip(damping, state[0], strict=True)))
-            step = np.where(fresh, 0, state[1])
+        fresh = beginning(n, state, episode_start)
+        damping, step = (None, np.zeros(n, int)) if state is None else state
+        damping, step = renewed(fresh, self.damper.begin(reading.lengths), damping), np.where(fresh, 0, step)
         commanded = planned = self.planned(observation, reading, step, damping.lengths)
         if self.is_damped:
             commanded, damping = self.damper.act(observation, reading.lengths, planned, damping)

@@ -42,8 +42,8 @@ class Comparison:
 
 
 def agent_name(experiment: Experiment) -> str:
-    """Name of the agent in tables, such as "PPO agent"."""
-    return f"{experiment.train.algorithm.upper()} agent"
+    """Name of the agent in tables, such as "PPO agent", or "PPO agent with hints" if the nominal model gives some."""
+    return f"{experiment.train.algorithm.upper()} agent{' with hints' if experiment.train.model_hints else ''}"
 
 
 def train_agents(

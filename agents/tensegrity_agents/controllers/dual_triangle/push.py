@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController
+from tensegrity_agents.controllers.base import AnalyticController, beginning, renewed
 from tensegrity_agents.controllers.dual_triangle.identification import explain
 from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
 from tensegrity_agents.controllers.dual_triangle.stiffening import Loop, hold, withstood
@@ -59,17 +59,12 @@ class PushController(AnalyticController):
         """Actions (n, 6) for a batch of n observations."""
         reading = read(observation, self.core)
         n = len(reading.tip)
-        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        fresh = beginning(n, state, episode_start)
         q = reading.configuration
         if q is None:
             q = explain(self.nominal, reading.tip, reading.inputs).configuration
         new = Memory(np.zeros(n, int), q, np.zeros((n, 2)), np.zeros(n), np.ones(n), np.zeros((n, 2)))
-        if state is None:
-            state = new
-        memory = Memory(
-            *(np.where(fresh.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(new, state, strict=True))
-        )
-        action, memory = self._act(reading, q, memory)
+        action, memory = self._act(reading, q, renewed(fresh, new, state))
         return np.clip(action, -1.0, 1.0), memory._replace(step=memory.step + 1)
 
     def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:

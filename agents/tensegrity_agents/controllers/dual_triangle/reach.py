@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController
+from tensegrity_agents.controllers.base import AnalyticController, beginning
 from tensegrity_agents.controllers.dual_triangle.identification import advance, explain
 from tensegrity_agents.controllers.dual_triangle.planning import RoadMap, choose_posture, schedule
 from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
@@ -75,7 +75,7 @@ class ReachController(AnalyticController):
         """Actions (n, 3) for a batch of n observations."""
         reading = read(observation, self.core)
         n = len(reading.tip)
-        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        fresh = beginning(n, state, episode_start)
         if state is None:
             state = _nothing(n)
         memory = Memory(*(np.array(part) for part in state))

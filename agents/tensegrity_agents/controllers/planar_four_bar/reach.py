@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController
+from tensegrity_agents.controllers.base import AnalyticController, beginning, renewed
 from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, way_points
 from tensegrity_agents.controllers.planar_four_bar.reading import (
     Reading,
@@ -82,11 +82,8 @@ class ReachController(AnalyticController):
         """Actions (n, 2) for a batch of n observations."""
         reading = read(observation, self.core)
         n = len(reading.tip)
-        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
-        nothing = _nothing(reading.lengths)
-        memory = nothing if state is None else Memory(*(np.array(part) for part in state))
-        for old, new in zip(memory, nothing, strict=True):
-            old[fresh] = new[fresh]
+        fresh = beginning(n, state, episode_start)
+        memory = renewed(fresh, _nothing(reading.lengths), state)
         action, memory = self._act(reading, memory)
         return np.clip(action, -1.0, 1.0), memory._replace(step=memory.step + 1)
 

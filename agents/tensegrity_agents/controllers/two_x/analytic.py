@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_agents.controllers.base import beginning
 from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_agents.controllers.two_x.planning import choose_solution, plan
 from tensegrity_agents.controllers.two_x.reading import Reading, configuration_from_tip, estimate_payload, read
@@ -63,7 +64,7 @@ class AnalyticController:
             raise RuntimeError(f"{type(self).__name__}: call begin_episodes(mask, design) before predict")
         reading = read(observation, self.nominal.design, self.observe_all)
         n = len(reading.tip)
-        fresh = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        fresh = beginning(n, state, episode_start)
         memory = self._perceive(reading, state, fresh)
         if fresh.any():
             index = np.flatnonzero(fresh)
