@@ -11,7 +11,13 @@ from tensegrity_envs.mechanics.namespace import Component, Components, namespace
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
 from tensegrity_envs.randomization import Randomization
-from tensegrity_envs.simulation.actuator_lengths import LARGEST_THRUST, LoadedLengthControl, RectangleControl, is_open
+from tensegrity_envs.simulation.actuator_lengths import (
+    LARGEST_THRUST,
+    LoadedLengthControl,
+    RectangleControl,
+    around_meeting,
+    is_open,
+)
 from tensegrity_envs.simulation.dynamic import DynamicControl
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import Episode, State
@@ -85,7 +91,8 @@ class PlanarFourBarReach(Core):
             reward_weights = {"effort": 0.0} | (reward_weights or {})
         self.task = InputReach(
             input_scale=2 * float(design.length),
-            joint_span=2 * float(design.length),
+            joint_span=2.5 * float(design.length),
+            obstacle=around_meeting(self.nominal),
             tolerance=tolerance,
             reward_type=reward_type,
             weights=ReachWeights.given(reward_weights),

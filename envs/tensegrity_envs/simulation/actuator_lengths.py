@@ -1,7 +1,9 @@
 """The planar 4-bar mechanism, driven by increments of its actuator lengths."""
 
+import math
 from typing import Any
 
+from tensegrity_envs.mechanics.detour import Disc
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 from tensegrity_envs.simulation.protocol import BUCKLED, RUNNING, SINGULAR, WRENCH_INFEASIBLE, Episode, State
@@ -32,6 +34,16 @@ def is_open(mechanism: PlanarFourBar, lengths: Components, margin: float = LEAST
     square, rest = mechanism.flatness(lengths)
     inside = (lengths[0] >= low) & (lengths[0] <= high) & (lengths[1] >= low) & (lengths[1] <= high)
     return inside & (2 * square >= margin) & (2 * rest >= margin)
+
+
+def around_meeting(mechanism: PlanarFourBar) -> Disc:
+    """The actuator lengths [m] close to (L, L), where C and D meet and an unloaded rectangle is singular.
+
+    Near there R^2 L^2 = (d1^2 + d2^2 -+ d1 d2) / 0.75 for deviations d: the singular set is an ellipse, and the disc
+    keeps a little away from it. Targets with the margin of `planar_four_bar_sampling` lie outside.
+    """
+    length = float(mechanism.length)
+    return Disc(length, length, 1.15 * length * math.sqrt(1.5 * LEAST_STIFFNESS / 2))
 
 
 class LoadedLengthControl(InputControl):

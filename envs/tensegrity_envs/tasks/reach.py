@@ -8,6 +8,7 @@ and failing early never pays.
 from dataclasses import dataclass, field
 from typing import Any
 
+from tensegrity_envs.mechanics.detour import Disc, shortest_way
 from tensegrity_envs.mechanics.namespace import Component, Components
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
 from tensegrity_envs.tasks.base import Task
@@ -21,7 +22,7 @@ class Reach(Task):
     """Reward of a reaching task.
 
     Attributes:
-        joint_span: scale of the joint distance [rad].
+        joint_span: scale of the distance from a solution.
         weights: of the dense reward.
     """
 
@@ -32,9 +33,9 @@ class Reach(Task):
         """Whether the tip is within tolerance and the arm could rest there: a moving arm may be where it could not."""
         return super().is_success(error, state, episode) & (state.stability_margin > 0)
 
-    def place(self, state: State) -> Components:
-        """What is compared with the episode's solutions."""
-        return state.configuration
+    def away(self, xp: Any, state: State, solution: Components) -> Component:
+        """How far a state is from a solution: the largest joint difference [rad]."""
+        return largest_difference(xp, state.configuration, solution)
 
     def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
         """The weighted terms of the reward by name; all zero in the step in which the episode fails.
@@ -52,7 +53,10 @@ class Reach(Task):
         w = self.weights
         terms = {"distance": w.distance * running / (1.0 + xp.sqrt(error / self.tolerance))}
         if episode.solutions:
-            gap = _nearest(xp, self.place(state), episode.solutions)
+            gap: Component = None
+            for solution in episode.solutions:
+                away = self.away(xp, state, solution)
+                gap = away if gap is None else xp.minimum(gap, away)
             terms["potential"] = w.potential * running * xp.maximum(1.0 - gap / self.joint_span, 0.0)
         stability = xp.minimum(xp.maximum(state.stability_margin / _FULL_MARGIN, 0.0), 1.0)
         wrench = xp.minimum(xp.maximum(state.wrench_margin / _FULL_MARGIN, 0.0), 1.0)
@@ -64,20 +68,26 @@ class Reach(Task):
         }
 
 
+@dataclass(frozen=True, kw_only=True)
 class InputReach(Reach):
-    """Reaching where the solutions of an episode are inputs, and `joint_span` is a scale of inputs."""
+    """Reaching where the solutions of an episode are inputs, and `joint_span` is a scale of inputs.
 
-    def place(self, state: State) -> Components:
-        """The inputs."""
-        return state.inputs
+    Attributes:
+        obstacle: in the plane of the two inputs, which the way to a solution leads round, or None.
+    """
+
+    obstacle: Disc | None = None
+
+    def away(self, xp: Any, state: State, solution: Components) -> Component:
+        """The largest difference of an input, or, with an obstacle, the length of the shortest way."""
+        if self.obstacle is None:
+            return largest_difference(xp, state.inputs, solution)
+        return shortest_way(state.inputs, solution, self.obstacle)[0]
 
 
-def _nearest(xp: Any, q: Components, solutions: tuple[Components, ...]) -> Component:
-    """Largest joint difference to the solution where that is smallest [rad]."""
-    gap: Component = None
-    for solution in solutions:
-        to_this: Component = 0.0
-        for angle, goal in zip(q, solution, strict=True):
-            to_this = xp.maximum(to_this, abs(angle - goal))
-        gap = to_this if gap is None else xp.minimum(gap, to_this)
-    return gap
+def largest_difference(xp: Any, here: Components, there: Components) -> Component:
+    """The largest absolute difference of two components."""
+    largest: Component = 0.0
+    for a, b in zip(here, there, strict=True):
+        largest = xp.maximum(largest, abs(a - b))
+    return largest

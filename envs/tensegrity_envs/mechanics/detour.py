@@ -1,0 +1,52 @@
+"""The shortest way past a round obstacle, in the plane of two inputs."""
+
+from typing import NamedTuple
+
+from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
+
+_ROUNDING = 1e-6  # of angles [rad]: whoever has come to the corner is free to go on
+_WIDEST = 1.0  # half of the angle about the obstacle that one corner takes, at most [rad]
+
+
+class Disc(NamedTuple):
+    """An obstacle: centre and radius."""
+
+    x: float
+    y: float
+    radius: float
+
+
+def shortest_way(start: Components, end: Components, disc: Disc) -> tuple[Component, Components]:
+    """Length of the shortest way between two points that keeps out of a disc, and where to head for first. Traceable.
+
+    That is straight, or a tangent, an arc and another tangent. Points within the disc count as on its edge.
+
+    Args:
+        start: (x, y).
+        end: (x, y).
+        disc: the obstacle.
+
+    Returns:
+        The length, and a point (x, y): the end, where the straight way is free, else where the two tangents meet,
+        which lies before that where they would meet far away.
+    """
+    xp = namespace_of(*start, *end)
+    r = disc.radius
+    px, py, sx, sy = start[0] - disc.x, start[1] - disc.y, end[0] - disc.x, end[1] - disc.y
+    tangent_p = xp.sqrt(xp.maximum(px * px + py * py - r * r, 0.0))
+    tangent_s = xp.sqrt(xp.maximum(sx * sx + sy * sy - r * r, 0.0))
+    cross, dot = px * sy - py * sx, px * sx + py * sy
+    to_touch = xp.atan2(tangent_p, r)  # angle about the centre from the start to where its tangent touches
+    arc = xp.atan2(abs(cross), dot) - to_touch - xp.atan2(tangent_s, r)
+    free = arc <= _ROUNDING
+    straight = xp.hypot(px - sx, py - sy)
+    length = xp.where(free, straight, tangent_p + tangent_s + r * xp.maximum(arc, 0.0))
+    half = xp.minimum(xp.maximum(arc, 0.0) / 2, _WIDEST)
+    turn = xp.where(cross < 0, -1.0, 1.0) * (to_touch + half)
+    # From the direction of the start, turned about the centre; a start at the centre has none, and takes any.
+    far = xp.hypot(px, py)
+    ux, uy = xp.where(far > 0, px, 1.0), xp.where(far > 0, py, 0.0)
+    share = r / xp.cos(half) / xp.where(far > 0, far, 1.0)
+    c, s = xp.cos(turn), xp.sin(turn)
+    corner_x, corner_y = disc.x + share * (c * ux - s * uy), disc.y + share * (s * ux + c * uy)
+    return length, (xp.where(free, end[0], corner_x), xp.where(free, end[1], corner_y))
