@@ -11,7 +11,7 @@ from tensegrity_envs.core import Core
 from tensegrity_envs.episodes import EpisodeQueue
 from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Episode
 
-_AHEAD = 8  # episodes drawn ahead for each environment
+_AHEAD = 4  # episodes drawn ahead for each environment
 _REASONS = np.array(FAILURES, object)
 
 

@@ -36,17 +36,20 @@ def shortest_way(start: Components, end: Components, disc: Disc) -> tuple[Compon
     tangent_p = xp.sqrt(xp.maximum(px * px + py * py - r * r, 0.0))
     tangent_s = xp.sqrt(xp.maximum(sx * sx + sy * sy - r * r, 0.0))
     cross, dot = px * sy - py * sx, px * sx + py * sy
-    to_touch = xp.atan2(tangent_p, r)  # angle about the centre from the start to where its tangent touches
-    arc = xp.atan2(abs(cross), dot) - to_touch - xp.atan2(tangent_s, r)
+    # About the centre, from where one tangent touches to where the other does: the angle of (dot + i |cross|)
+    # (r - i tangent_p) (r - i tangent_s). Negative: the straight way is free.
+    re, im = dot * r + abs(cross) * tangent_p, abs(cross) * r - dot * tangent_p
+    arc = xp.atan2(im * r - re * tangent_s, re * r + im * tangent_s)
     free = arc <= _ROUNDING
     straight = xp.hypot(px - sx, py - sy)
     length = xp.where(free, straight, tangent_p + tangent_s + r * xp.maximum(arc, 0.0))
+    # The corner: the direction of the start, turned to where its tangent touches and then by half of the arc. A start
+    # at the centre has no direction, and takes any.
     half = xp.minimum(xp.maximum(arc, 0.0) / 2, _WIDEST)
-    turn = xp.where(cross < 0, -1.0, 1.0) * (to_touch + half)
-    # From the direction of the start, turned about the centre; a start at the centre has none, and takes any.
-    far = xp.hypot(px, py)
+    far, edge = xp.hypot(px, py), xp.hypot(r, tangent_p)
+    c = (r * xp.cos(half) - tangent_p * xp.sin(half)) / edge
+    s = xp.where(cross < 0, -1.0, 1.0) * (tangent_p * xp.cos(half) + r * xp.sin(half)) / edge
     ux, uy = xp.where(far > 0, px, 1.0), xp.where(far > 0, py, 0.0)
     share = r / xp.cos(half) / xp.where(far > 0, far, 1.0)
-    c, s = xp.cos(turn), xp.sin(turn)
     corner_x, corner_y = disc.x + share * (c * ux - s * uy), disc.y + share * (s * ux + c * uy)
     return length, (xp.where(free, end[0], corner_x), xp.where(free, end[1], corner_y))
