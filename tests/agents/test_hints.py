@@ -44,7 +44,7 @@ class Follower:
     """Goes where the gap tells."""
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        gap = 40.0 * Hints(REACH)(observation)["observation"][:, -11:-9]
+        gap = 40.0 * Hints(REACH)(observation)["observation"][:, -12:-10]
         return gap / np.maximum(np.abs(gap).max(axis=1, keepdims=True), 1.0), None
 
 
@@ -58,7 +58,7 @@ def test_the_step_leads_to_a_target_close_by():
     angle = np.random.default_rng(0).uniform(-np.pi, np.pi, 500)
     wanted = 0.01 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     observation["desired_goal"] = observation["achieved_goal"] + wanted
-    hints = Hints(REACH)(observation)["observation"][:, -5:-3]
+    hints = Hints(REACH)(observation)["observation"][:, -6:-4]
     lengths = info["actuator_lengths"] + 0.05 * np.arctanh(hints)
     _, tip = ARM.rectangle(tuple(lengths.T), info["random_side"])
     left = np.hypot(*(np.stack(tip, 1) - observation["desired_goal"]).T)
@@ -72,6 +72,13 @@ def test_the_force_across_the_bar_is_the_load():
     force = (across * info["load"]).sum(axis=1) / 1000.0
     np.testing.assert_allclose(share, force, atol=2e-3)
     np.testing.assert_allclose(np.hypot(*across.T), 1.0, atol=1e-5)
+
+
+def test_the_margin_is_the_simulations_without_a_load():
+    _, info, hints = told(REACH, 500)
+    q, lengths = tuple(info["configuration"].T), tuple(info["actuator_lengths"].T)
+    expected = ARM.stability_margin(q, lengths, (0.0, 0.0))
+    np.testing.assert_allclose(hints[:, 11], expected / (1 + np.abs(expected)), atol=1e-3)
 
 
 def test_single_observations_terminal_ones_and_batches_agree():

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tensegrity_envs.arms.planar_four_bar_sampling import SAFE_MARGIN, Sampler
+from tensegrity_envs.arms.planar_four_bar_sampling import Sampler
 from tensegrity_envs.core import Core, Drawn, sees_everything, squashed, tip_inputs_and_angles
 from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
@@ -124,7 +124,7 @@ class PlanarFourBarReach(Core):
         if self.task.reward_type != "dense":
             return ()
         found, sides, exists = rectangles(self.nominal, *goal)
-        fits = exists & (sides == side) & is_open(self.nominal, tuple(found), SAFE_MARGIN)
+        fits = exists & (sides == side) & is_open(self.nominal, tuple(found), self.sampler.safe_margin)
         found = np.where(fits, found, 100 * self.reach)
         return tuple((found[0, k], found[1, k]) for k in range(4))
 

@@ -12,7 +12,6 @@ from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl, wrench_margin
 
 _MARGIN = 0.1  # stability margin of unloaded starts and targets [-]
-SAFE_MARGIN = 0.9 * _MARGIN  # which solutions of targets have that are told in single precision
 _LOADED_MARGIN = 0.02  # under a load
 _LEGS = 3  # of the walk from the start to the target
 _WALK = 80  # steps that the walk takes at most
@@ -54,6 +53,8 @@ class Sampler:
         if not (0 <= low <= high and np.isfinite(high)):
             raise ValueError(f"load_range = {load_range!r}: must be (low, high) with 0 <= low <= high, in units of K L")
         self.load_range = (low, high)
+        # What inverse solutions of targets have, which are told in single precision.
+        self.safe_margin = 0.9 * (_LOADED_MARGIN if any(self.load_range) else _MARGIN)
 
     def draw(self, seed: np.ndarray, episode: np.ndarray) -> Start:
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
