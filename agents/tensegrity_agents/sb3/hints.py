@@ -14,10 +14,8 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from tensegrity_agents.controllers import planar_four_bar
 
-# By the name of the environment's arm: how many numbers, and the function (observation, core) that tells them.
-HINTS: dict[str, tuple[int, Callable[[Any, Any], np.ndarray]]] = {
-    "PlanarFourBarReach": (planar_four_bar.HINTS, planar_four_bar.hints),
-}
+# By the name of the environment's arm: makes, for a core, what has `size` and tells so many numbers of an observation.
+HINTS: dict[str, Callable[[Any], Any]] = {"PlanarFourBarReach": planar_four_bar.Hints}
 
 
 class Hints:
@@ -36,20 +34,19 @@ class Hints:
         if arm not in HINTS:
             known = [i for i in gym.registry if i.startswith("tensegrity/") and gym.spec(i).kwargs.get("arm") in HINTS]
             raise ValueError(f"model_hints: there are none for {env_id}; there are for {', '.join(sorted(known))}")
-        self.size, self._function = HINTS[arm]
-        self._core = env.core
+        self._of_arm = HINTS[arm](env.core)
         env.close()
 
     def space(self, space: spaces.Dict) -> spaces.Dict:
         """The observation space with hints."""
-        size = int(np.prod(space["observation"].shape or ())) + self.size
+        size = int(np.prod(space["observation"].shape or ())) + self._of_arm.size
         return spaces.Dict({**space.spaces, "observation": spaces.Box(-np.inf, np.inf, (size,), np.float32)})
 
     def __call__(self, observation: dict[str, Any]) -> dict[str, Any]:
         """The observation or batch of observations with hints."""
         single = np.ndim(observation["observation"]) == 1
         batch = {key: np.atleast_2d(value) for key, value in observation.items()}
-        told = np.concatenate([batch["observation"], self._function(batch, self._core)], axis=1).astype(np.float32)
+        told = np.concatenate([batch["observation"], self._of_arm(batch)], axis=1).astype(np.float32)
         return {**observation, "observation": told[0] if single else told}
 
 

@@ -1,7 +1,6 @@
 """Analytic controllers of the planar 4-bar mechanism, and what its nominal model tells agents."""
 
-from tensegrity_agents.controllers.planar_four_bar.hints import SIZE as HINTS
-from tensegrity_agents.controllers.planar_four_bar.hints import hints
+from tensegrity_agents.controllers.planar_four_bar.hints import Hints
 from tensegrity_agents.controllers.planar_four_bar.reach import ClosedFormIK, Observer, Oracle, PseudoInverse
 
-__all__ = ["HINTS", "ClosedFormIK", "Observer", "Oracle", "PseudoInverse", "hints"]
+__all__ = ["ClosedFormIK", "Hints", "Observer", "Oracle", "PseudoInverse"]
