@@ -11,6 +11,7 @@ from tensegrity_agents.sb3.policy_file import load_policy
 from tensegrity_agents.sb3.training import train
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 from tensegrity_envs.mechanics import PlanarFourBar
+from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
 from tensegrity_envs.seeding import VALIDATION_SEED
 
 REACH, LOADED = "tensegrity/PlanarFourBarReach-v0", "tensegrity/PlanarFourBarLoadedReach-v0"
@@ -38,6 +39,24 @@ def test_the_gap_leads_to_the_target():
     np.testing.assert_allclose(hints[:, 2:4], np.tanh(40.0 * hints[:, :2]), atol=1e-5)
     np.testing.assert_allclose(hints[:, 4:6], np.tanh(400.0 * hints[:, :2]), atol=1e-3)
     assert np.abs(hints[:, 10]).max() < 1e-3  # nothing pushes
+
+
+def test_without_a_solution_the_gap_leads_near_the_target():
+    observation, info, hints = told(LOADED, 2000)
+    lengths = info["actuator_lengths"] + 20.0 * hints[:, :2]
+    _, tip = ARM.rectangle(tuple(lengths.T), info["random_side"])
+    off = np.hypot(*(np.stack(tip, 1) - observation["desired_goal"]).T)
+    _, sides, exists = rectangles(ARM, *observation["desired_goal"].astype(float).T)
+    none = ~(exists & (sides == info["random_side"])).any(axis=0)
+    straight = np.hypot(*(lengths - 10.0).T) > 3.0
+    assert 20 < (none & straight).sum() < 400
+    # No place of a fine grid of lengths has its tip much nearer.
+    grid = np.stack(np.meshgrid(*[np.linspace(0.3, 19.7, 98)] * 2), -1).reshape(-1, 2)
+    square, rest = ARM.flatness(tuple(grid.T))
+    grid = grid[2 * np.minimum(square, rest) > 0.2]  # like the places
+    for i in np.flatnonzero(none & straight):
+        _, tips = ARM.rectangle(tuple(grid.T), info["random_side"][i])
+        assert off[i] < np.hypot(*(np.stack(tips, 1) - observation["desired_goal"][i]).T).min() + 2.5
 
 
 class Follower:
