@@ -37,23 +37,7 @@ class Settled(NamedTuple):
 class MujocoModel(Simulator):
     """One mechanism with one set of parameters, compiled: stepped as a `Simulator`, and examined at rest.
 
-    Args:
-        mechanism: an analytic mechanism of one design.
-        dynamics: what it does not tell.
-
-    Raises:
-        ValueError: the mechanism is a batch of designs, the time step is too long for its loops, or its actuators
-            cannot lag.
-
-    Attributes:
-        skeleton: what of the mechanism moves; its coordinates are the configurations.
-        linkage: its bodies, hinges and loops.
-        spec: the MjSpec.
-        model: the MjModel.
-        data: the MjData of `reset` and `step`.
-        state_size: numbers in a state.
-        input_size: numbers in an input.
-        input_bounds: lowest and highest inputs, shape (2, input size); MuJoCo keeps what lies outside at the bound.
+    Made from, and with the attributes of, a `Simulator`.
     """
 
     def variant(self, mechanism: Any = None, dynamics: Dynamics | None = None) -> Any:
