@@ -65,6 +65,10 @@ class HintedVecEnv(VecEnvWrapper):
     def step_wait(self) -> Any:
         """Take the step."""
         observation, reward, done, infos = self.venv.step_wait()
-        for i in np.flatnonzero(done):
-            infos[i]["terminal_observation"] = self.hints(infos[i]["terminal_observation"])
+        ended = np.flatnonzero(done)
+        if len(ended):
+            last = [infos[i]["terminal_observation"] for i in ended]
+            told = self.hints({key: np.stack([seen[key] for seen in last]) for key in last[0]})
+            for row, i in enumerate(ended):
+                infos[i]["terminal_observation"] = {key: value[row] for key, value in told.items()}
         return self.hints(observation), reward, done, infos  # type: ignore[arg-type]

@@ -35,7 +35,10 @@ class Reach(Task):
 
     def away(self, xp: Any, state: State, solution: Components) -> Component:
         """How far a state is from a solution: the largest joint difference [rad]."""
-        return largest_difference(xp, state.configuration, solution)
+        largest: Component = 0.0
+        for angle, goal in zip(state.configuration, solution, strict=True):
+            largest = xp.maximum(largest, abs(angle - goal))
+        return largest
 
     def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
         """The weighted terms of the reward by name; all zero in the step in which the episode fails.
@@ -70,24 +73,14 @@ class Reach(Task):
 
 @dataclass(frozen=True, kw_only=True)
 class InputReach(Reach):
-    """Reaching where the solutions of an episode are inputs, and `joint_span` is a scale of inputs.
+    """Reaching where the solutions of an episode are two inputs, and `joint_span` is a scale of inputs.
 
     Attributes:
-        obstacle: in the plane of the two inputs, which the way to a solution leads round, or None.
+        obstacle: in the plane of the inputs, which the way to a solution leads round.
     """
 
-    obstacle: Disc | None = None
+    obstacle: Disc
 
     def away(self, xp: Any, state: State, solution: Components) -> Component:
-        """The largest difference of an input, or, with an obstacle, the length of the shortest way."""
-        if self.obstacle is None:
-            return largest_difference(xp, state.inputs, solution)
+        """The length of the shortest way of the inputs."""
         return shortest_way(state.inputs, solution, self.obstacle)[0]
-
-
-def largest_difference(xp: Any, here: Components, there: Components) -> Component:
-    """The largest absolute difference of two components."""
-    largest: Component = 0.0
-    for a, b in zip(here, there, strict=True):
-        largest = xp.maximum(largest, abs(a - b))
-    return largest
