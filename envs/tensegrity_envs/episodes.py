@@ -1,5 +1,9 @@
 """Episodes drawn ahead of their use: many at once cost little more than one."""
 
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
 import numpy as np
 
 from tensegrity_envs.core import Core
@@ -21,9 +25,10 @@ class EpisodeQueue:
         self._next = np.zeros(n, np.int64)  # number of the first episode not drawn yet
         self._left = np.zeros(n, np.int64)  # how many are drawn and not used yet
         self._first = True
-        # Place k of an environment's store is for its episodes number k, k + ahead, ...
-        self._episodes = np.empty((n, ahead, core.episodes.size))
-        self._outcomes = np.empty((n, ahead, core.outcomes.size))
+        self._ahead = ahead
+        # Of the places of environment i, i * ahead and on, the k-th one is for its episodes number k, k + ahead, ...
+        self._episodes = np.empty((n * ahead, core.episodes.size))
+        self._outcomes = np.empty((n * ahead, core.outcomes.size))
 
     def restart(self, index: int, seed: int | None = None, episode: int = 0) -> None:
         """Let environment `index` go on with the given episode, of a new seed if there is one."""
@@ -33,26 +38,47 @@ class EpisodeQueue:
         self._left[index] = 0
         self._first = True  # whoever reseeds once may do so again: draw no more than is asked for
 
-    def pop(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The next episode of each of the environments at `index`: matrices of episodes and outcomes."""
+    def begin(self, index: np.ndarray, episodes: np.ndarray, outcomes: np.ndarray) -> None:
+        """Begin the next episode of each of the environments at `index`.
+
+        Args:
+            index: shape (m,).
+            episodes: matrix of n columns; those at `index` are overwritten.
+            outcomes: the same.
+        """
         if not self._left[index].all():
             self._draw(index)
-        place = (self._next[index] - self._left[index]) % self._episodes.shape[1]
+        place = index * self._ahead + (self._next[index] - self._left[index]) % self._ahead
         self._left[index] -= 1
-        episodes, outcomes = self._episodes[index, place], self._outcomes[index, place]
-        return np.ascontiguousarray(episodes.T), np.ascontiguousarray(outcomes.T)
+        take = _compiled_take()
+        take(self._episodes, place, episodes, index)
+        take(self._outcomes, place, outcomes, index)
 
     def _draw(self, index: np.ndarray) -> None:
-        ahead = self._episodes.shape[1]
-        wanted = ahead - self._left
+        wanted = self._ahead - self._left
         if self._first:
             wanted = np.zeros_like(self._left)
             wanted[index] = self._left[index] == 0
             self._first = False
         owner = np.repeat(np.arange(len(wanted)), wanted)
         number = self._next[owner] + np.arange(len(owner)) - np.repeat(np.cumsum(wanted) - wanted, wanted)
-        place = number % ahead
+        place = owner * self._ahead + number % self._ahead
         episodes, outcomes = self._core.begin(self._seeds[owner], number)
-        self._episodes[owner, place], self._outcomes[owner, place] = episodes.T, outcomes.T
+        self._episodes[place], self._outcomes[place] = episodes.T, outcomes.T
         self._next += wanted
         self._left += wanted
+
+
+def _take(rows: np.ndarray, places: np.ndarray, target: np.ndarray, columns: np.ndarray) -> None:
+    """target[:, columns] = rows[places].T: NumPy takes four times as long."""
+    for i in range(len(target)):
+        for k in range(len(columns)):
+            target[i, columns[k]] = rows[places[k], i]
+
+
+@cache
+def _compiled_take() -> Callable[..., Any]:
+    from numba import njit  # takes half a second to import
+
+    compiled: Callable[..., Any] = njit(_take, cache=True)
+    return compiled

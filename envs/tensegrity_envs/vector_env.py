@@ -179,14 +179,13 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         Without outcomes: in all environments.
         """
         assert self._queue is not None
-        episodes, begun = self._queue.pop(index)
-        self._steps[index] = 0
         if self._episodes is None or outcomes is None:
-            self._episodes, new = episodes, begun
+            self._episodes = np.empty((self.core.episodes.size, self.num_envs))
+            new = np.empty((self.core.outcomes.size, self.num_envs))
         else:
             new = outcomes.copy()
-            new[:, index] = begun
-            self._episodes[:, index] = episodes
+        self._queue.begin(index, self._episodes, new)
+        self._steps[index] = 0
         self._states = new[: self.core.states.size].copy()
         return new
 

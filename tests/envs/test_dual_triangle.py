@@ -159,9 +159,9 @@ def test_starts_for_holding_are_as_likely_as_when_every_angle_is_tried():
     pending = np.arange(len(x))
     while len(pending):
         tries = rng.uniform(-0.95, 0.95, len(pending)), rng.choice([-1.0, 1.0], len(pending))
-        q, good = core.sampler.start(x[pending], *tries)
-        other[:, pending[good]] = np.stack(q)[:, good]
-        pending = pending[~good]
+        *q, good = core.sampler.start(np.stack([x[pending], *tries]))
+        other[:, pending[good > 0]] = np.stack(q)[:, good > 0]
+        pending = pending[good == 0]
     for low in np.linspace(x.min(), x.max(), 6)[:-1]:
         part = (x >= low) & (x < low + np.ptp(x) / 5)
         for one, two in zip(angles[:, part], other[:, part], strict=True):

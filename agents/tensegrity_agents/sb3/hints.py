@@ -1,7 +1,7 @@
 """What the nominal analytic model tells an agent beside the observation, for those whose config asks for it.
 
-Hints are functions of one observation and the nominal design, both of which every analytic controller has, too; they
-are appended to the entry "observation" before it is normalized.
+Hints are functions of the observations of an episode so far and the nominal design, both of which every analytic
+controller has, too; they are appended to the entry "observation" before it is normalized.
 """
 
 from collections.abc import Callable
@@ -13,9 +13,16 @@ from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from tensegrity_agents.controllers import planar_four_bar
+from tensegrity_agents.controllers.base import beginning
+
+
+def _planar_four_bar(core: Any) -> planar_four_bar.Hints:
+    loaded = any(core.sampler.load_range)
+    return planar_four_bar.LoadedHints(core) if loaded else planar_four_bar.Hints(core)
+
 
 # By the name of the environment's arm: makes, for a core, what has `size` and tells so many numbers of an observation.
-HINTS: dict[str, Callable[[Any], Any]] = {"PlanarFourBarReach": planar_four_bar.Hints}
+HINTS: dict[str, Callable[[Any], Any]] = {"PlanarFourBarReach": _planar_four_bar}
 
 
 class Hints:
@@ -42,12 +49,24 @@ class Hints:
         size = int(np.prod(space["observation"].shape or ())) + self._of_arm.size
         return spaces.Dict({**space.spaces, "observation": spaces.Box(-np.inf, np.inf, (size,), np.float32)})
 
-    def __call__(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """The observation or batch of observations with hints."""
+    def __call__(
+        self, observation: dict[str, Any], memory: Any = None, begins: np.ndarray | None = None
+    ) -> tuple[dict[str, Any], Any]:
+        """The observation or batch of n observations with hints.
+
+        Args:
+            observation: Dict of arrays.
+            memory: that the call with the observations before has returned; None at first.
+            begins: which of them begin an episode, shape (n,); by default those without a memory.
+
+        Returns:
+            The observation, and what to remember: a NamedTuple of arrays (n, ...), or None.
+        """
         single = np.ndim(observation["observation"]) == 1
         batch = {key: np.atleast_2d(value) for key, value in observation.items()}
-        told = np.concatenate([batch["observation"], self._of_arm(batch)], axis=1).astype(np.float32)
-        return {**observation, "observation": told[0] if single else told}
+        told, memory = self._of_arm(batch, memory, beginning(len(batch["observation"]), memory, begins))
+        told = np.concatenate([batch["observation"], told], axis=1).astype(np.float32)
+        return {**observation, "observation": told[0] if single else told}, memory
 
 
 class HintedVecEnv(VecEnvWrapper):
@@ -56,11 +75,13 @@ class HintedVecEnv(VecEnvWrapper):
     def __init__(self, venv: VecEnv, hints: Hints) -> None:
         assert isinstance(venv.observation_space, spaces.Dict)
         self.hints = hints
+        self._memory: Any = None
         super().__init__(venv, hints.space(venv.observation_space))
 
     def reset(self) -> Any:
         """Begin new episodes everywhere."""
-        return self.hints(self.venv.reset())  # type: ignore[arg-type]
+        told, self._memory = self.hints(self.venv.reset())  # type: ignore[arg-type]
+        return told
 
     def step_wait(self) -> Any:
         """Take the step."""
@@ -68,7 +89,9 @@ class HintedVecEnv(VecEnvWrapper):
         ended = np.flatnonzero(done)
         if len(ended):
             last = [infos[i]["terminal_observation"] for i in ended]
-            told = self.hints({key: np.stack([seen[key] for seen in last]) for key in last[0]})
+            memory = None if self._memory is None else type(self._memory)(*(part[ended] for part in self._memory))
+            told, _ = self.hints({key: np.stack([seen[key] for seen in last]) for key in last[0]}, memory, ~done[ended])
             for row, i in enumerate(ended):
                 infos[i]["terminal_observation"] = {key: value[row] for key, value in told.items()}
-        return self.hints(observation), reward, done, infos  # type: ignore[arg-type]
+        told, self._memory = self.hints(observation, self._memory, done)  # type: ignore[arg-type]
+        return told, reward, done, infos

@@ -76,9 +76,11 @@ class TrainedPolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Actions for one observation or a batch."""
-        seen = observation if self.hints is None else self.hints(observation)
-        return self.policy.predict(self.normalization(seen), deterministic=deterministic)
+        """Actions for one observation or a batch, and what its hints remember."""
+        if self.hints is not None:
+            observation, state = self.hints(observation, state, episode_start)
+        actions, _ = self.policy.predict(self.normalization(observation), deterministic=deterministic)
+        return actions, state
 
 
 def policy_kwargs(

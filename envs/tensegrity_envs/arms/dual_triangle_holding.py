@@ -5,14 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.mechanics.compiling import evaluate
+from tensegrity_envs.mechanics.compiling import Kernel
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.mechanics.structure import Layout
 from tensegrity_envs.seeding import EpisodeStream
 
 _FROM_LIMIT = 0.05  # of the joint angles [rad]
 _WIDEST = 0.95  # of the first angle, as a share of the largest with which the last two links still reach the target
-_CELLS = (64, 256)  # of the table, along the target and the share
+_CELLS = (128, 512)  # of the table, along the target and the share
 _MAX_ATTEMPTS = 3200
 
 
@@ -32,10 +33,16 @@ class HoldSampler:
     def __init__(self, arm: DualTriangle, targets: tuple[float, float], highest: float) -> None:
         self.arm, self.targets, self.highest = arm, targets, highest
 
-    def start(self, x: np.ndarray, share: np.ndarray, side: np.ndarray) -> tuple[Components, np.ndarray]:
-        """See `hold_start`; arrays of shape (n,)."""
-        q, good = evaluate(hold_start, self.arm.design, self.arm.segments, x, share, side, self.highest)
-        return q, good
+    @cached_property
+    def start(self) -> Kernel:
+        """`hold_start` of this arm: a matrix of x, share and side to one of the posture and whether it is good."""
+
+        def start(tried: Components) -> tuple[Component, ...]:
+            x, share, side = tried
+            q, good = hold_start(self.arm.design, self.arm.segments, x, share, side, self.highest)
+            return *q, good
+
+        return Kernel(start, Layout((np.zeros(1),) * 3))
 
     def draw(self, stream: EpisodeStream, x: np.ndarray) -> np.ndarray:
         """Postures (3, n) [rad] for targets x of shape (n,) [m].
@@ -48,17 +55,19 @@ class HoldSampler:
         while len(pending):
             if tried >= _MAX_ATTEMPTS:
                 raise RuntimeError(f"no start found for {self.arm.design} in {tried} draws")
-            target = np.tile(x[pending], count)
-            posture, good = self.start(target, *self._tried(target, stream.at(pending).block(count).ravel()))
+            *posture, good = self.start(
+                self._tried(np.tile(x[pending], count), stream.at(pending).block(count).ravel())
+            )
             stream.skip(count)
-            fits = good.reshape(count, len(pending))
-            found, first = fits.any(axis=0), fits.argmax(axis=0)
-            q[:, pending[found]] = np.stack(posture).reshape(len(q), count, -1)[:, first[found], found]
+            fits = good.reshape(count, len(pending)) != 0
+            found, column = fits.any(axis=0), fits.argmax(axis=0) * len(pending) + np.arange(len(pending))
+            for angle, drawn in zip(q, posture, strict=True):
+                angle[pending[found]] = drawn[column[found]]
             pending, tried, count = pending[~found], tried + count, 2 * count  # the same draws whatever the counts
         return q
 
-    def _tried(self, x: np.ndarray, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Shares and sides to try, from numbers uniform in [0, 1), all of shape (m,)."""
+    def _tried(self, x: np.ndarray, number: np.ndarray) -> np.ndarray:
+        """What to try, from numbers uniform in [0, 1), both of shape (m,): matrix of x, share and side."""
         cells, counts = self._table
         low, high = self.targets
         column = np.clip(((x - low) / (high - low) * len(counts)).astype(np.int64), 0, len(counts) - 1)
@@ -66,7 +75,7 @@ class HoldSampler:
         k = place.astype(np.int64)
         cell = cells[column, k]
         side = np.where(cell < _CELLS[1], -1.0, 1.0)
-        return _WIDEST * (2 * (cell % _CELLS[1] + place - k) / _CELLS[1] - 1), side
+        return np.stack([x, _WIDEST * (2 * (cell % _CELLS[1] + place - k) / _CELLS[1] - 1), side])
 
     @cached_property
     def _table(self) -> tuple[np.ndarray, np.ndarray]:
@@ -78,7 +87,7 @@ class HoldSampler:
             [-1.0, 1.0],
             indexing="ij",
         )
-        _, good = self.start(x.ravel(), share.ravel(), side.ravel())
+        good = self.start(np.stack([x.ravel(), share.ravel(), side.ravel()]))[-1] != 0
         holds = np.pad(good.reshape(x.shape), ((1, 1), (1, 1), (0, 0)))
         # A cell is open if an arm holds at one of its corners, or of its neighbours' corners.
         open_ = np.any([holds[i : i + columns, j : j + rows] for i in range(4) for j in range(4)], axis=0)

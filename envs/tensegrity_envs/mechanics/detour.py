@@ -19,7 +19,8 @@ class Disc(NamedTuple):
 def shortest_way(start: Components, end: Components, disc: Disc) -> tuple[Component, Components]:
     """Length of the shortest way between two points that keeps out of a disc, and where to head for first. Traceable.
 
-    That is straight, or a tangent, an arc and another tangent. Points within the disc count as on its edge.
+    That is straight, or a tangent, an arc and another tangent. Where a point lies within the disc, the disc shrinks
+    until it does not.
 
     Args:
         start: (x, y).
@@ -31,8 +32,9 @@ def shortest_way(start: Components, end: Components, disc: Disc) -> tuple[Compon
         which lies before that where they would meet far away.
     """
     xp = namespace_of(*start, *end)
-    r = disc.radius
     px, py, sx, sy = start[0] - disc.x, start[1] - disc.y, end[0] - disc.x, end[1] - disc.y
+    far = xp.hypot(px, py)
+    r = xp.minimum(disc.radius, xp.minimum(far, xp.hypot(sx, sy)))
     tangent_p = xp.sqrt(xp.maximum(px * px + py * py - r * r, 0.0))
     tangent_s = xp.sqrt(xp.maximum(sx * sx + sy * sy - r * r, 0.0))
     cross, dot = px * sy - py * sx, px * sx + py * sy
@@ -46,7 +48,7 @@ def shortest_way(start: Components, end: Components, disc: Disc) -> tuple[Compon
     # The corner: the direction of the start, turned to where its tangent touches and then by half of the arc. A start
     # at the centre has no direction, and takes any.
     half = xp.minimum(xp.maximum(arc, 0.0) / 2, _WIDEST)
-    far, edge = xp.hypot(px, py), xp.hypot(r, tangent_p)
+    edge = xp.where(far > 0, xp.hypot(r, tangent_p), 1.0)
     c = (r * xp.cos(half) - tangent_p * xp.sin(half)) / edge
     s = xp.where(cross < 0, -1.0, 1.0) * (tangent_p * xp.cos(half) + r * xp.sin(half)) / edge
     ux, uy = xp.where(far > 0, px, 1.0), xp.where(far > 0, py, 0.0)

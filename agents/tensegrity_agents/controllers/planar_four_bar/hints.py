@@ -40,30 +40,46 @@ class Hints:
         tips = [np.stack(core.nominal.rectangle(tuple(self.places.T), side)[1], axis=1) for side in (1.0, -1.0)]
         self.tips = np.stack(tips)
 
-    def __call__(self, observation: Any) -> np.ndarray:
+    def __call__(self, observation: Any, memory: Any, begins: np.ndarray) -> tuple[np.ndarray, Any]:
         """What is told.
 
         Args:
             observation: Dict of arrays of shape (n, ...).
+            memory: none is needed.
+            begins: shape (n,).
 
         Returns:
             Shape (n, 12): the gap from the actuator lengths to the nearest inverse solution on the side of the tip
             without a load, or to the corner of the way there that keeps off where C and D meet (2), as a share of 2 L,
             and as tanh of one and of ten times gap / largest step (4), where there is none to lengths of a table with
-            the tip close to the target; the same tanh of ten times the step that the Jacobian tells (2); the direction
-            across bar CF (2); the force on F along it, divided by K L (1); the stability margin m, were that all of
-            the force, as m / (1 + |m|) (1).
+            the tip close to the target; the same tanh of ten times the step that the Jacobian tells (2), zero where the
+            straight way is not free: it would lead to where C and D meet; the direction across bar CF (2); the force
+            on F along it, divided by K L (1); the stability margin m, were that all of the force, as m / (1 + |m|) (1).
+            And the memory.
         """
-        nominal, rate = self.nominal, self.rate
         reading = read(observation, self.core)
+        across, force = force_across(self.nominal, reading)
+        here = side(self.nominal, reading)
+        end = self._end(reading, here)
+        return self._columns(reading, here, end, (across, force), across * force[:, None]), memory
+
+    def _columns(
+        self,
+        reading: Reading,
+        here: np.ndarray,
+        end: np.ndarray,
+        push: tuple[np.ndarray, np.ndarray],
+        load: np.ndarray,
+    ) -> np.ndarray:
+        """What is told about actuator lengths to go to and a force on F."""
+        nominal, rate = self.nominal, self.rate
         lengths = tuple(reading.lengths.T)
-        here = side(nominal, reading)
-        _, corner = shortest_way(lengths, tuple(self._end(reading, here).T), around_meeting(nominal))
+        _, corner = shortest_way(lengths, tuple(end.T), around_meeting(nominal))
         gap = np.stack(corner, axis=1) - reading.lengths
         step = resolved_rate(nominal, reading.lengths, here, reading.target - reading.tip, _DAMPING)
-        across, force = force_across(nominal, reading)
-        q = tuple(configuration(nominal, reading).T)
-        margin = np.asarray(nominal.stability_margin(q, lengths, tuple((across * force[:, None]).T)))
+        step = np.where((np.stack(corner, axis=1) == end).all(axis=1, keepdims=True), step, 0.0)
+        margin = np.asarray(nominal.stability_margin(tuple(configuration(nominal, reading).T), lengths, tuple(load.T)))
+        across, force = push
         columns = [
             gap / (2 * float(nominal.length)),
             np.tanh(gap / rate),

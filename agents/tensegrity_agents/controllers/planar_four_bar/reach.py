@@ -11,12 +11,15 @@ import numpy as np
 from tensegrity_agents.controllers.base import AnalyticController, beginning, renewed
 from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, way_points
 from tensegrity_agents.controllers.planar_four_bar.reading import (
+    NOTICEABLE,
     Reading,
     configuration,
     force_across,
+    identified,
     read,
     resolved_rate,
     side,
+    with_posture,
 )
 from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBarDesign
@@ -29,8 +32,8 @@ class Memory(NamedTuple):
         way: actuator lengths to visit one after another, shape (n, LEGS, 2) [m].
         leg: which of them is next, shape (n,).
         step: of the episode, shape (n,).
-        information: sum of t t^T over the directions t across bar CF in which the force has been measured, (n, 2, 2).
-        evidence: sum of t times what was measured, (n, 2) [N].
+        information: see `reading.with_posture`, (n, 2, 2).
+        evidence: see `reading.with_posture`, (n, 2) [N].
         load: with which the way was planned, (n, 2) [N].
         least: distance of the tip from the target since the last new start, (n,) [m].
         waited: steps in which it did not fall, (n,).
@@ -214,27 +217,17 @@ class Observer(ReachController):
     """
 
     knows = "the nominal design; identifies the force from tip and lengths, checks that the way is stable"
-    prior = 1e-8  # of the information: the force is the smallest that explains everything
     first_step = 0.5  # as a share of the largest
-    different = 5e-4  # a change of the force that makes the way be planned again; smaller forces count as none [K L]
 
     def _load(self, reading: Reading, memory: Memory) -> np.ndarray:
-        inner = memory.information + self.prior * np.eye(2)
-        load = np.linalg.solve(inner, memory.evidence[..., None])[..., 0]
-        return np.where(np.hypot(*load.T)[:, None] < self._noticeable, 0.0, load)
-
-    @property
-    def _noticeable(self) -> float:
-        return self.different * float(self.nominal.largest_force)
+        return identified(self.nominal, memory.information, memory.evidence)
 
     def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
-        across, pull = force_across(self.nominal, reading)
-        memory = memory._replace(
-            information=memory.information + across[:, :, None] * across[:, None, :],
-            evidence=memory.evidence + across * pull[:, None],
-        )
+        known = with_posture(memory.information, memory.evidence, *force_across(self.nominal, reading))
+        memory = memory._replace(information=known[0], evidence=known[1])
         changed = np.hypot(*(self._load(reading, memory) - memory.load).T)
-        again = ~(changed < self._noticeable) | self._stranded(reading, memory)  # NaN: never planned
+        noticeable = NOTICEABLE * float(self.nominal.largest_force)
+        again = ~(changed < noticeable) | self._stranded(reading, memory)  # NaN: never planned
         first = memory.step == 0
         action, memory = self._along(reading, self._planned(reading, memory, np.flatnonzero(again & ~first)))
         begun = np.flatnonzero(first)

@@ -8,6 +8,9 @@ from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 from tensegrity_envs.mechanics.planar_four_bar.equilibria import pointing
 
+NOTICEABLE = 5e-4  # smaller forces, and changes of it, count as none [K L]
+_PRIOR = 1e-8  # of the information: the force is the smallest that explains everything
+
 
 class Reading(NamedTuple):
     """A batch of n observations in SI units.
@@ -70,6 +73,30 @@ def force_across(mechanism: PlanarFourBar, reading: Reading) -> tuple[np.ndarray
     across = np.stack([-np.sin(q[:, 1]), np.cos(q[:, 1])], axis=1)
     gradient = mechanism.energy_gradient(tuple(q.T), lengths)[1]  # balanced by L t . f
     return across, np.asarray(gradient) / float(mechanism.length)
+
+
+def with_posture(
+    information: np.ndarray, evidence: np.ndarray, across: np.ndarray, force: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What is known of the force on F with one more posture.
+
+    Args:
+        information: sum of t t^T over the directions t across bar CF in which the force has been measured, (n, 2, 2).
+        evidence: sum of t times what was measured, (n, 2) [N].
+        across: see `force_across`.
+        force: see `force_across`.
+
+    Returns:
+        The new information and evidence.
+    """
+    return information + across[:, :, None] * across[:, None, :], evidence + across * force[:, None]
+
+
+def identified(mechanism: PlanarFourBar, information: np.ndarray, evidence: np.ndarray) -> np.ndarray:
+    """The smallest force on F that explains all measurements, by least squares, (n, 2) [N]; tiny ones count as none."""
+    inner = information + _PRIOR * np.eye(2)
+    load = np.linalg.solve(inner, evidence[..., None])[..., 0]
+    return np.where(np.hypot(*load.T)[:, None] < NOTICEABLE * float(mechanism.largest_force), 0.0, load)
 
 
 def resolved_rate(
