@@ -143,24 +143,26 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         if self.max_episode_steps is not None:
             truncated = self._steps >= self.max_episode_steps
         ended = terminated | truncated
-        observation, info = self._observation(outcomes), self._info(outcomes)
+        info = self._info(outcomes)
         if ended.any():
-            observation, info = self._autoreset(outcomes, observation, info, ended)
+            observation, info = self._autoreset(outcomes, info, ended)
         else:
+            observation = self._observation(outcomes)
             self._states = outcomes[: self.core.states.size].copy()  # info holds views, which their owner may change
         return observation, outcomes[rows.reward], terminated, truncated, info
 
     def _autoreset(
-        self, outcomes: np.ndarray, last: dict[str, np.ndarray], last_info: dict[str, Any], ended: np.ndarray
+        self, outcomes: np.ndarray, last_info: dict[str, Any], ended: np.ndarray
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Begin the next episodes; what was last seen of those that ended moves into final_obs and final_info."""
         index = np.flatnonzero(ended)
         final = np.full(self.num_envs, None, object)
-        seen, achieved, desired = (last[key][index] for key in ("observation", "achieved_goal", "desired_goal"))
-        final[index] = [  # written out: where many episodes end, this is a third of the step
+        last = self._observation(outcomes, index)
+        each = [  # written out: where many episodes end, this takes long
             {"observation": o, "achieved_goal": a, "desired_goal": d}
-            for o, a, d in zip(seen, achieved, desired, strict=True)
+            for o, a, d in zip(last["observation"], last["achieved_goal"], last["desired_goal"], strict=True)
         ]
+        final[index] = np.fromiter(each, object, len(each))
         new = self._begin(index, outcomes)
         info = self._info(new)
         info["final_obs"], info["_final_obs"] = final, ended
@@ -189,9 +191,10 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         self._states = new[: self.core.states.size].copy()
         return new
 
-    def _observation(self, outcomes: np.ndarray) -> dict[str, np.ndarray]:
+    def _observation(self, outcomes: np.ndarray, index: Any = slice(None)) -> dict[str, np.ndarray]:
+        """Of all environments, or of those at `index`."""
         rows = self.core.outcomes.rows
-        seen = outcomes[rows.observation[0] : rows.desired[-1] + 1].T.astype(np.float32, order="C")
+        seen = outcomes[rows.observation[0] : rows.desired[-1] + 1, index].T.astype(np.float32, order="C")
         size, end = len(rows.observation), len(rows.observation) + len(rows.achieved)
         return {
             "observation": seen[:, :size],
