@@ -25,6 +25,9 @@ from tensegrity_envs.tasks import InputReach, ReachWeights
 
 # A bar of 2 kg and 10 m swings once in a second or two, so that a step takes 0.1 s.
 DYNAMICS = Dynamics(joint_damping=50.0, servo_time=0.004, timestep=0.004, frame_skip=25)
+# Ways lead round actuator lengths with a smaller stability margin.
+_ROUND = 0.1
+_ROUND_LOADED = 0.2
 
 
 class PlanarFourBarReach(Core):
@@ -92,7 +95,7 @@ class PlanarFourBarReach(Core):
         self.task = InputReach(
             input_scale=2 * float(design.length),
             joint_span=2.5 * float(design.length),
-            obstacle=around_meeting(self.nominal),
+            obstacle=around_meeting(self.nominal, _ROUND if load_range is None else _ROUND_LOADED),
             tolerance=tolerance,
             reward_type=reward_type,
             weights=ReachWeights.given(reward_weights),

@@ -13,7 +13,6 @@ from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagona
 STROKE = (0.01, 0.99)  # actuator lengths, as shares of 2 L: at 2 L an actuator has no moment arm
 LARGEST_THRUST = 2.0  # times K L; unloaded rectangles never need more
 LEAST_STIFFNESS = 0.02  # stability margin below which an unloaded rectangle counts as singular
-_SOFT = 0.1  # one that ways lead round
 
 
 def wrench_margin(mechanism: PlanarFourBar, q: Components, lengths: Components, load: Components) -> Component:
@@ -37,14 +36,14 @@ def is_open(mechanism: PlanarFourBar, lengths: Components, margin: float = LEAST
     return inside & (2 * square >= margin) & (2 * rest >= margin)
 
 
-def around_meeting(mechanism: PlanarFourBar) -> Disc:
+def around_meeting(mechanism: PlanarFourBar, margin: float) -> Disc:
     """The actuator lengths [m] close to (L, L), where C and D meet and an unloaded rectangle is singular.
 
-    Near there R^2 L^2 = (d1^2 + d2^2 -+ d1 d2) / 0.75 for deviations d: where a rectangle is too soft to pass is an
-    ellipse. The disc is round it.
+    Near there R^2 L^2 = (d1^2 + d2^2 -+ d1 d2) / 0.75 for deviations d: where the stability margin 2 R^2 is less than
+    `margin` is an ellipse. The disc is round it.
     """
     length = float(mechanism.length)
-    return Disc(length, length, length * math.sqrt(1.5 * _SOFT / 2))
+    return Disc(length, length, length * math.sqrt(1.5 * margin / 2))
 
 
 class LoadedLengthControl(InputControl):

@@ -1,6 +1,6 @@
 """What the nominal, unloaded planar 4-bar mechanism tells an agent about an observation."""
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from tensegrity_agents.controllers.planar_four_bar.reading import (
 from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics.detour import shortest_way
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
-from tensegrity_envs.simulation.actuator_lengths import around_meeting, is_open
+from tensegrity_envs.simulation.actuator_lengths import is_open
+from tensegrity_envs.tasks import InputReach
 
 _DAMPING = 0.1  # of the pseudo-inverse
 _PLACES = 400  # lengths of which those are taken whose tip is nearest to the target, where there is no solution
@@ -36,6 +37,7 @@ class Hints:
     def __init__(self, core: Core) -> None:
         self.core, self.nominal, self.rate = core, core.nominal, core.simulation.rate
         self.margin = core.sampler.safe_margin  # type: ignore[attr-defined]
+        self.obstacle = cast(InputReach, core.task).obstacle
         self.places = way_points(core.nominal, _PLACES)
         tips = [np.stack(core.nominal.rectangle(tuple(self.places.T), side)[1], axis=1) for side in (1.0, -1.0)]
         self.tips = np.stack(tips)
@@ -74,7 +76,7 @@ class Hints:
         """What is told about actuator lengths to go to and a force on F."""
         nominal, rate = self.nominal, self.rate
         lengths = tuple(reading.lengths.T)
-        _, corner = shortest_way(lengths, tuple(end.T), around_meeting(nominal))
+        _, corner = shortest_way(lengths, tuple(end.T), self.obstacle)
         gap = np.stack(corner, axis=1) - reading.lengths
         step = resolved_rate(nominal, reading.lengths, here, reading.target - reading.tip, _DAMPING)
         step = np.where((np.stack(corner, axis=1) == end).all(axis=1, keepdims=True), step, 0.0)
@@ -95,7 +97,7 @@ class Hints:
         """Actuator lengths to go to, shape (n, 2) [m]."""
         found, sides, exists = rectangles(self.nominal, *reading.target.T)
         fits = exists & (sides == here) & is_open(self.nominal, tuple(found), self.margin)
-        way, _ = shortest_way(tuple(reading.lengths.T), tuple(found), around_meeting(self.nominal))
+        way, _ = shortest_way(tuple(reading.lengths.T), tuple(found), self.obstacle)
         nearest = np.where(fits, way, np.inf).argmin(axis=0)
         end: np.ndarray = found[:, nearest, np.arange(len(nearest))].T
         none = np.flatnonzero(~fits.any(axis=0))

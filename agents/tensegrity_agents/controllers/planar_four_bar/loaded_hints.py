@@ -18,9 +18,10 @@ from tensegrity_agents.controllers.planar_four_bar.reading import (
     with_posture,
 )
 from tensegrity_envs.mechanics.detour import shortest_way
-from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl, around_meeting, wrench_margin
+from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl, wrench_margin
 
 _PLACES = 8  # inverse solutions that are kept
+_THERE = 0.02  # so close an end counts as reached, in largest steps
 _KNOWN = 1e-3  # information about the less known component of the force with which it is half known
 
 
@@ -72,6 +73,10 @@ class LoadedHints(Hints):
         places, found_for = before.ends.copy(), before.load.copy()
         places[again] = self._ends(reading.take(again), here[again], load[again])
         found_for[again] = load[again]
+        # An end that has been reached away from the target is one of another branch.
+        away = np.hypot(*(reading.target - reading.tip).T) > self.core.task.tolerance
+        reached = np.abs(places - reading.lengths[:, None]).max(axis=2) < _THERE * self.rate
+        places[away[:, None] & reached] = np.inf
         least = np.linalg.eigvalsh(information)[:, 0]
         columns = [
             self._columns(reading, here, self._nearest(reading, here, places), push, load),
@@ -104,7 +109,7 @@ class LoadedHints(Hints):
         exists = np.isfinite(places[:, :, 0])
         somewhere = np.where(exists[:, :, None], places, 0.0)
         start = tuple(reading.lengths.T[:, :, None])
-        way, _ = shortest_way(start, tuple(np.moveaxis(somewhere, 2, 0)), around_meeting(self.nominal))
+        way, _ = shortest_way(start, tuple(np.moveaxis(somewhere, 2, 0)), self.obstacle)
         end: np.ndarray = somewhere[np.arange(len(here)), np.where(exists, way, np.inf).argmin(axis=1)]
         none = np.flatnonzero(~exists.any(axis=1))
         if len(none):
