@@ -16,7 +16,7 @@ def main(
 ) -> None:
     """Measure steps per second of single and vector environments and of PPO.
 
-    Takes about three minutes; leave the machine alone meanwhile.
+    Takes about five minutes; leave the machine alone meanwhile.
     """
     with clear_errors():
         if only not in ("all", "single", "vector", "dynamics", "ppo", "redundancy"):

@@ -94,9 +94,9 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
                     f"reset options {unknown}: the only one is 'episode', the number of the episode to begin"
                 )
             self._queue.restart(0, episode=int(options["episode"]))
-        self._episode = np.empty((self.core.episodes.size, 1))
-        self._outcome = np.empty((self.core.outcomes.size, 1))
-        self._queue.begin(np.array([0]), self._episode, self._outcome)
+        episode, outcome = np.empty((self.core.episodes.size, 1)), np.empty((self.core.outcomes.size, 1))
+        self._queue.begin(np.array([0]), episode, outcome)
+        self._episode, self._outcome = episode, outcome
         self._values = self._outcome[:, 0].tolist()
         self._steps = 0
         if self.render_mode is not None:

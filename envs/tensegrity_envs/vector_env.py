@@ -182,11 +182,12 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         """
         assert self._queue is not None
         if self._episodes is None or outcomes is None:
-            self._episodes = np.empty((self.core.episodes.size, self.num_envs))
+            episodes = np.empty((self.core.episodes.size, self.num_envs))
             new = np.empty((self.core.outcomes.size, self.num_envs))
         else:
-            new = outcomes.copy()
-        self._queue.begin(index, self._episodes, new)
+            episodes, new = self._episodes, outcomes.copy()
+        self._queue.begin(index, episodes, new)
+        self._episodes = episodes
         self._steps[index] = 0
         self._states = new[: self.core.states.size].copy()
         return new

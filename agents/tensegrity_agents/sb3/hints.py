@@ -57,7 +57,7 @@ class Hints:
         Args:
             observation: Dict of arrays.
             memory: that the call with the observations before has returned; None at first.
-            begins: which of them begin an episode, shape (n,); by default those without a memory.
+            begins: which of them begin an episode, shape (n,); by default all.
 
         Returns:
             The observation, and what to remember: a NamedTuple of arrays (n, ...), or None.
