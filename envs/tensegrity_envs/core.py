@@ -53,7 +53,7 @@ class Outcome(NamedTuple):
         achieved: tip position as a float32 number [m].
         desired: the goal at this moment, as a float32 number [m].
         reward: of the step, a float32 number.
-        info: by name, numbers or vectors.
+        info: by name, numbers or vectors; that of the state itself comes on top, see `Core.info_entries`.
     """
 
     state: State
@@ -271,14 +271,9 @@ class Core(ABC):
         info = {
             "is_success": self.task.is_success(error, state, episode),
             self.error_name: error,
-            "stability_margin": state.stability_margin,
-            "wrench_margin": state.wrench_margin,
             "is_stable": state.stability_margin > 0,
             "is_wrench_feasible": state.wrench_margin >= 0,
-            "failure": state.failure,
             "effort": self.task.effort(state),
-            "configuration": state.configuration,
-            **({self.input_name: state.inputs} if self.input_name else {}),
             **self.hidden(episode, state),
             **noisy,
             **{f"random_{name}": value for name, value in episode.random.items()},
@@ -483,10 +478,18 @@ class Core(ABC):
     @cached_property
     def info_entries(self) -> list[InfoEntry]:
         """The entries of `info`."""
+        rows = self.outcomes.rows
+        of_state = {
+            "stability_margin": rows.state.stability_margin,
+            "wrench_margin": rows.state.wrench_margin,
+            "failure": rows.state.failure,
+            "configuration": rows.state.configuration,
+            **({self.input_name: rows.state.inputs} if self.input_name else {}),
+        }
         entries = []
-        for name, place in self.outcomes.rows.info.items():
-            rows = place if isinstance(place, tuple) else (place,)
-            entries.append(InfoEntry(name, int(rows[0]), int(rows[-1]) + 1 if rows is place else None, rows[0].kind))
+        for name, place in (rows.info | of_state).items():
+            at = place if isinstance(place, tuple) else (place,)
+            entries.append(InfoEntry(name, int(at[0]), int(at[-1]) + 1 if at is place else None, at[0].kind))
         return entries
 
     # ------------------------------------------------------------------------------------------------ relabelling

@@ -28,7 +28,10 @@ def everything(x, y):
         "functions": (xp.sin(x), xp.cos(y), xp.sqrt(positive), xp.atan2(x, y), xp.hypot(x, y)),
         "choice": xp.where((x > y) & ~(x > 1) | (y >= 2), xp.minimum(x, y), xp.maximum(x, 0.25)),
         "conditions": (x <= y, x != y),
-        "single": to_single(x),
+        # What is known before a call that others wait for, and used after it
+        "later": xp.where(x > y, xp.atan2(xp.sin(xp.atan2(x, positive)), y), 2.0),
+        "code": xp.where((xp.atan2(x, y) > 0) & (x < 1), xp.where(x > y, 3, 4), 0) + 0.0,
+        "single": (to_single(x), to_single(x) * to_single(y) - to_single(x)),
         "constant": 7.5,
     }
 
@@ -53,6 +56,35 @@ def test_batches_broadcast_and_keep_their_kinds():
     np.testing.assert_allclose(found["choice"], everything(x, np.full(7, 0.5))["choice"], atol=1e-15)
     with pytest.raises(ValueError, match="shape"):
         evaluate(everything, np.zeros((2, 3)), 0.5)
+
+
+def test_one_column_gives_what_many_give_to_the_last_bit():
+    """Whatever its neighbours: some of them are followed to the end at once, some in sub-steps, some lose stability."""
+    rng = np.random.default_rng(0)
+
+    def both(x, y, c):
+        return everything(x, y), falling(c)
+
+    given = [
+        rng.uniform(-3, 3, 40),
+        rng.uniform(-3, 3, 40),
+        np.concatenate([rng.uniform(0.01, 9, 36), [-1.0, 0.0, 1e-9, 1e9]]),
+    ]
+    alone = [evaluate(both, *column) for column in np.stack(given, axis=1).tolist()]
+    for count in (2, 7, 8, 9, 16, 17, 31, 40):
+        many = list(leaves(evaluate(both, *(values[:count] for values in given)), is_array))
+        for i in range(count):
+            one = list(leaves(alone[i], lambda value: isinstance(value, float | bool | int)))
+            np.testing.assert_array_equal(np.array([value[i] for value in many]), np.array([float(v) for v in one]))
+
+
+def falling(c):
+    """The minimum of x^3 / 3 - c(t) x, which ends where c(t) passes zero."""
+
+    def path(q, t):
+        return (q[0] ** 2 - (c - t * (c + 1.0)),), ((2 * q[0],),)
+
+    return follow(path, (namespace_of(c).sqrt(namespace_of(c).maximum(c, 0.0)),))
 
 
 @pytest.mark.parametrize(
@@ -89,7 +121,7 @@ def test_branching_on_a_value_and_following_outside_of_a_trace_are_explained():
 
 
 def test_a_path_of_known_solution_is_followed():
-    """The minimum of cosh(x) - a(t) x, x = asinh(a); and the one of x^3/3 - c(t) x, which ends at c = 0."""
+    """The minimum of cosh(x) - a(t) x, x = asinh(a); and one that ends."""
 
     def growing(a):
         def path(q, t):
@@ -106,13 +138,7 @@ def test_a_path_of_known_solution_is_followed():
     np.testing.assert_allclose(x, np.arcsinh([0.5, 1.0, 1.5]), atol=2e-4)
     assert (fraction == 1).all()
 
-    def ending(c):
-        def path(q, t):
-            return (q[0] ** 2 - (c - t * (c + 1.0)),), ((2 * q[0],),)
-
-        return follow(path, (namespace_of(c).sqrt(c),))
-
-    (x,), fraction = evaluate(ending, np.array([0.25, 1.0, 4.0]))
+    (x,), fraction = evaluate(falling, np.array([0.25, 1.0, 4.0]))
     np.testing.assert_allclose(fraction, np.array([0.25, 1.0, 4.0]) / np.array([1.25, 2.0, 5.0]), atol=2e-3)
     assert (x > 0).all()
 

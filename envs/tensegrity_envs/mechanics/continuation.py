@@ -1,5 +1,6 @@
-"""Following a stable equilibrium along a path, for one arm. `compiling` turns this into machine code."""
+"""Following a stable equilibrium along a path, for some arms at once. `compiling` turns this into machine code."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -9,90 +10,142 @@ CONTRACTION = 0.25  # a Newton step longer than this times the one before: too f
 FIRST_STEP = 0.8  # longest first step of a sub-step [rad or m]
 CHANGE = 3.0  # the determinant of the Hessian changes at most by this factor, from the start of a step to its end
 ITERATIONS_OF_SUBSTEP = 3  # leave an error that the next sub-step corrects
+GOING_ON, FAILED, SOLVED = 0.0, 1.0, 2.0
 
 
-def follower(newton: Callable[..., None], compiled: Callable[..., Any]) -> Any:
+class Rows:
+    """The rows of the matrix on which a path of n coordinates is followed; each of its columns is an arm.
+
+    Attributes:
+        parameter: of the path; the coordinates stand before it, in the rows from 0 on.
+        step: the first of n rows with the Newton step there.
+        pivot: the Hessian's smallest, positive exactly where it is positive definite.
+        volume: the Hessian's determinant.
+        known_volume: that at the last known equilibrium.
+        longest: Newton step that is accepted.
+        status: of a solution.
+        known: the first of n rows with the last known equilibrium.
+        captured: the first row with the numbers that the path depends on.
+    """
+
+    def __init__(self, n: int) -> None:
+        self.parameter, self.step = n, n + 1
+        self.pivot, self.volume = 2 * n + 1, 2 * n + 2
+        self.known_volume, self.longest, self.status = 2 * n + 3, 2 * n + 4, 2 * n + 5
+        self.known, self.captured = 2 * n + 6, 3 * n + 6
+
+
+def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) -> Any:
     """The function that follows the equilibrium whose Newton steps are given.
 
     Args:
-        newton: `newton(p, q, t, out)` writes the Newton step at configuration q and path parameter t to out[:n], then
-            the smallest pivot of the Hessian (positive exactly where it is positive definite) and its determinant.
+        newton: `newton(c, w, count)` fills the rows of step, pivot and volume in the first columns of w.
+        n: number of coordinates.
         compiled: decorator.
     """
+    rows = Rows(n)
+    PARAMETER, STEP, PIVOT, VOLUME = rows.parameter, rows.step, rows.pivot, rows.volume
+    KNOWN_VOLUME, LONGEST, STATUS, KNOWN = rows.known_volume, rows.longest, rows.status, rows.known
 
     @compiled
-    def solve(p: Any, q: Any, t: float, first: float, iterations: int, out: Any) -> bool:
-        """Newton's method inside a region where the energy is convex; q is changed in place.
+    def solve(c: Any, w: Any, count: int, iterations: int) -> None:
+        """Newton's method inside a region where the energy is convex, from the known equilibria; fills the status.
 
         It fails at the first indefinite Hessian, the first long step, the first step that does not contract, or where
-        the determinant has changed much since `first`, its value at the known equilibrium: by then it may be heading
-        for an equilibrium that is not the continuation of that one [Deuflhard, Newton Methods for Nonlinear Problems].
-        With fewer iterations than `ITERATIONS` it need not converge, only contract.
+        the determinant has changed much since the known equilibrium: by then it may be heading for an equilibrium that
+        is not the continuation of that one [Deuflhard, Newton Methods for Nonlinear Problems]. With fewer iterations
+        than `ITERATIONS` it need not converge, only contract.
         """
-        n = q.shape[0]
-        longest = FIRST_STEP
-        size = 0.0
+        for j in range(count):
+            for i in range(n):
+                w[i, j] = w[KNOWN + i, j]
+            w[LONGEST, j], w[STATUS, j] = FIRST_STEP, GOING_ON
         for _ in range(iterations):
-            newton(p, q, t, out)
-            volume = out[n + 1]
-            size = 0.0
-            for i in range(n):
-                size = max(size, abs(out[i]))
-            fine = out[n] > 0.0 and volume * CHANGE >= first and volume <= CHANGE * first and size <= longest
-            if not fine:  # NaN is not fine either
-                return False
-            for i in range(n):
-                q[i] -= out[i]
-            if size <= CONVERGED:
-                return True
-            longest = max(CONTRACTION * size, CONVERGED)
-        return iterations < ITERATIONS
+            newton(c, w, count)
+            going_on = False
+            for j in range(count):
+                if w[STATUS, j] != GOING_ON:
+                    continue
+                size = 0.0
+                for i in range(n):
+                    size = max(size, abs(w[STEP + i, j]))
+                fine = w[PIVOT, j] > 0.0 and size <= w[LONGEST, j]
+                fine = fine and w[VOLUME, j] * CHANGE >= w[KNOWN_VOLUME, j]
+                fine = fine and w[VOLUME, j] <= CHANGE * w[KNOWN_VOLUME, j]
+                if not fine:  # NaN is not fine either
+                    w[STATUS, j] = FAILED
+                    continue
+                for i in range(n):
+                    w[i, j] -= w[STEP + i, j]
+                if size <= CONVERGED:
+                    w[STATUS, j] = SOLVED
+                else:
+                    w[LONGEST, j] = max(CONTRACTION * size, CONVERGED)
+                    going_on = True
+            if not going_on:
+                return
+        for j in range(count):
+            if w[STATUS, j] == GOING_ON:
+                w[STATUS, j] = SOLVED if iterations < ITERATIONS else FAILED
 
     @compiled
-    def follow(p: Any, q: Any, work: Any, resolution: float) -> float:
-        """Follow the stable equilibrium q from path parameter 0 to 1; q is changed in place.
-
-        One Newton solve where its steps contract from the start; elsewhere sub-steps, shortened until they contract.
-
-        Args:
-            p: the numbers that the path was captured with.
-            q: the equilibrium at parameter 0, shape (n,).
-            work: shape (2, n + 2), overwritten.
-            resolution: length of the shortest sub-step, as a fraction of the path.
-
-        Returns:
-            The fraction of the path that was covered: 1, or less where stability ended (or all but ended: where a
-            sub-step of the given resolution is still too long); q is then the last stable point.
-        """
-        n = q.shape[0]
-        trial, out = work[0, :n], work[1]
-        newton(p, q, 0.0, out)
-        if not out[n] > 0.0:
-            return 0.0
-        volume = out[n + 1]
-        for i in range(n):
-            trial[i] = q[i]
-        if solve(p, trial, 1.0, volume, ITERATIONS, out):
-            for i in range(n):
-                q[i] = trial[i]
-            return 1.0
+    def substeps(c: Any, w: Any, resolution: float) -> None:
+        """Follow the equilibrium of the first column in sub-steps, shortened until Newton's steps contract."""
         t, length = 0.0, 0.5
         while t < 1.0 and length > resolution:
             ahead = min(t + length, 1.0)
-            for i in range(n):
-                trial[i] = q[i]
-            if solve(p, trial, ahead, volume, ITERATIONS_OF_SUBSTEP, out):
-                t, volume = ahead, out[n + 1]
+            w[PARAMETER, 0] = ahead
+            solve(c, w, 1, ITERATIONS_OF_SUBSTEP)
+            if w[STATUS, 0] == SOLVED:
+                t, w[KNOWN_VOLUME, 0] = ahead, w[VOLUME, 0]
                 for i in range(n):
-                    q[i] = trial[i]
+                    w[KNOWN + i, 0] = w[i, 0]
                 length *= 2.0
             else:
                 length *= 0.5
-        for i in range(n):
-            trial[i] = q[i]
-        if solve(p, trial, t, volume, ITERATIONS, out):
+        w[PARAMETER, 0] = t
+        solve(c, w, 1, ITERATIONS)
+        if w[STATUS, 0] != SOLVED:
             for i in range(n):
-                q[i] = trial[i]
-        return t
+                w[i, 0] = w[KNOWN + i, 0]
+
+    @compiled
+    def follow(c: Any, w: Any, alone: Any, count: int, resolution: float) -> None:
+        """Follow the stable equilibria in the first rows from path parameter 0 to 1.
+
+        One Newton solve for all at once; those whose steps do not contract from the start go on alone, in sub-steps.
+        Leaves the last stable points in the first rows, and in that of the parameter what fraction of the path was
+        covered: 1, or less where stability ended (or all but ended: where a sub-step of the given resolution is still
+        too long).
+
+        Args:
+            c: the constants.
+            w: the rows that `Rows` tells, followed by those of `newton` itself.
+            alone: another matrix of that shape, overwritten.
+            count: how many columns are filled.
+            resolution: length of the shortest sub-step, as a fraction of the path.
+        """
+        for j in range(count):
+            w[PARAMETER, j] = 0.0
+            for i in range(n):
+                w[KNOWN + i, j] = w[i, j]
+        newton(c, w, count)
+        for j in range(count):
+            w[KNOWN_VOLUME, j] = w[VOLUME, j] if w[PIVOT, j] > 0.0 else math.nan  # of an unstable one nothing follows
+            w[PARAMETER, j] = 1.0
+        solve(c, w, count, ITERATIONS)
+        for j in range(count):
+            if w[STATUS, j] == SOLVED:
+                continue
+            if math.isnan(w[KNOWN_VOLUME, j]):
+                w[PARAMETER, j] = 0.0
+                for i in range(n):
+                    w[i, j] = w[KNOWN + i, j]
+                continue
+            for i in range(w.shape[0]):
+                alone[i, 0] = w[i, j]
+            substeps(c, alone, resolution)
+            for i in range(n + 1):
+                w[i, j] = alone[i, 0]
 
     return follow

@@ -101,7 +101,7 @@ def follow(path: PathStatics, q: Components, resolution: float = _RESOLUTION) ->
     inner = Path(graphs[0], len(q))
     gradient, hessian = path(inner.configuration, inner.parameter)
     step, pivot, volume = solve_symmetric(hessian, gradient)
-    return inner.finish((*step, pivot, volume), q, resolution)
+    return inner.finish(step, pivot, volume, q, resolution)
 
 
 def _let_go(statics: ParametricStatics, start: Components, parameters: Any) -> tuple[Components, Component]:
