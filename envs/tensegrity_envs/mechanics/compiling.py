@@ -126,10 +126,11 @@ def _source(graph: Graph, first: list[int], results: int) -> str:
     lines += [f"    m = np.empty(({rows}, {_BLOCK}))", "    w = m.ravel()"]
     lines += [f"    for start in range(0, out.shape[1], {_BLOCK}):"]
     lines += [f"        count = min({_BLOCK}, out.shape[1] - start)"]
+    # int(...): Numba would compile a function anew for each number that is written out.
     for name, (row, after) in zip(matrices, pairwise(first), strict=True):
-        lines += [f"        move({after - row}, count, {name}, 0, start, m, {row}, 0)"]
+        lines += [f"        move(int({after - row}), count, {name}, int(0), start, m, int({row}), int(0))"]
     lines += [f"        {line}" for line in body]
-    lines += [f"        move({results}, count, m, {first[-1]}, 0, out, 0, start)"]
+    lines += [f"        move(int({results}), count, m, int({first[-1]}), int(0), out, int(0), start)"]
     return "\n".join(lines) + "\n"
 
 

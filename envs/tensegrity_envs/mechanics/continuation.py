@@ -11,6 +11,7 @@ FIRST_STEP = 0.8  # longest first step of a sub-step [rad or m]
 CHANGE = 3.0  # the determinant of the Hessian changes at most by this factor, from the start of a step to its end
 ITERATIONS_OF_SUBSTEP = 3  # leave an error that the next sub-step corrects
 GOING_ON, FAILED, SOLVED = 0.0, 1.0, 2.0
+ALONE = 1  # column
 
 
 class Rows:
@@ -43,6 +44,7 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
         n: number of coordinates.
         compiled: decorator.
     """
+    # In calls int(...), since Numba would compile a function anew for each number that is written out.
     rows = Rows(n)
     PARAMETER, STEP, PIVOT, VOLUME = rows.parameter, rows.step, rows.pivot, rows.volume
     KNOWN_VOLUME, LONGEST, STATUS, KNOWN = rows.known_volume, rows.longest, rows.status, rows.known
@@ -95,7 +97,7 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
         while t < 1.0 and length > resolution:
             ahead = min(t + length, 1.0)
             w[PARAMETER, 0] = ahead
-            solve(c, w, 1, ITERATIONS_OF_SUBSTEP)
+            solve(c, w, int(ALONE), int(ITERATIONS_OF_SUBSTEP))
             if w[STATUS, 0] == SOLVED:
                 t, w[KNOWN_VOLUME, 0] = ahead, w[VOLUME, 0]
                 for i in range(n):
@@ -104,7 +106,7 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
             else:
                 length *= 0.5
         w[PARAMETER, 0] = t
-        solve(c, w, 1, ITERATIONS)
+        solve(c, w, int(ALONE), int(ITERATIONS))
         if w[STATUS, 0] != SOLVED:
             for i in range(n):
                 w[i, 0] = w[KNOWN + i, 0]
@@ -133,7 +135,7 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
         for j in range(count):
             w[KNOWN_VOLUME, j] = w[VOLUME, j] if w[PIVOT, j] > 0.0 else math.nan  # of an unstable one nothing follows
             w[PARAMETER, j] = 1.0
-        solve(c, w, count, ITERATIONS)
+        solve(c, w, count, int(ITERATIONS))
         for j in range(count):
             if w[STATUS, j] == SOLVED:
                 continue
