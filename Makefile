@@ -27,9 +27,6 @@ analyze: .venv/installed
 	$(BIN)/python scripts/analyze.py dual-triangle
 	$(BIN)/python scripts/analyze.py planar-four-bar
 	$(BIN)/python scripts/analyze.py spatial-prism
-	$(BIN)/python scripts/analyze.py planar-four-bar
-	$(BIN)/python scripts/analyze.py spatial-prism
-	$(BIN)/python tests/mechanics/benchmark_workspace.py
 
 install: .venv/installed
 
