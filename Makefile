@@ -11,7 +11,7 @@ compare: .venv/installed
 	$(BIN)/python scripts/compare.py --env $(ENV)
 
 test: .venv/installed
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
 
 check: .venv/installed
 	$(BIN)/ruff check .

@@ -21,7 +21,7 @@ def columns(name, env_id, episodes):
 
 
 def test_damping_and_shaping_leave_less_vibration_in_the_four_bar():
-    found = {name: columns(name, FOUR_BAR, 60) for name in DYNAMIC["PlanarFourBarReach"]}
+    found = {name: columns(name, FOUR_BAR, 30) for name in DYNAMIC["PlanarFourBarReach"]}
     error = {name: np.median(c["final_error_m"]) for name, c in found.items()}
     success = {name: c["success"].mean() for name, c in found.items()}
     assert success["closed_form_ramp"] >= 0.98

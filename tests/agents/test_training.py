@@ -211,7 +211,8 @@ def test_hindsight_relabels_with_the_dense_reward_too():
     ("env_id", "name"), [(env_id, name) for env_id in tensegrity_envs.ENV_IDS for name in baselines_of(env_id)]
 )
 def test_every_baseline_runs_on_every_environment(env_id, name):
-    run = evaluate(make_controller(name, env_id), env_id, 40, VALIDATION_SEED, name)
+    episodes = 10 if "PrismTrackMuJoCo" in env_id else 40  # each takes long
+    run = evaluate(make_controller(name, env_id), env_id, episodes, VALIDATION_SEED, name)
     assert set(run.columns) == set(COLUMNS)
     success = run.columns["success"].mean()
     if name == "random":
