@@ -9,6 +9,7 @@ ROOT = Path(__file__).parents[1]
 ENVS = ROOT / "envs" / "tensegrity_envs"
 # Each layer may import itself and those before it.
 LAYERS = [
+    "compiler",
     "mechanics",
     "seeding",
     "randomization",
@@ -25,6 +26,7 @@ LAYERS = [
     "registration",
 ]
 FORBIDDEN = {
+    "compiler": {"gymnasium", "torch", "pygame", "matplotlib"},
     "mechanics": {"gymnasium", "torch", "pygame", "matplotlib"},
     "simulation": {"gymnasium", "torch", "pygame"},
     "tasks": {"gymnasium", "torch", "pygame"},

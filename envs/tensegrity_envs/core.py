@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from tensegrity_envs.mechanics.compiling import Kernel
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
-from tensegrity_envs.mechanics.structure import Layout, is_row, leaves
+from tensegrity_envs.compiler.kernel import Kernel
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
+from tensegrity_envs.compiler.pytree import Layout, is_row, leaves
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.rendering import Scene
 from tensegrity_envs.simulation.dynamic import Command, Drivable, DynamicControl, Motion

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tensegrity_envs.mechanics.compiling import evaluate
+from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.mechanics.detour import Disc, shortest_way
 
 DISC = Disc(10.0, 10.0, 1.5)

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, least_squares
 from two_x_reference import creep
 
+from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.mechanics import MURALIDHARAN2022, TwoX
-from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.equilibrium import find_all, follow, solve_symmetric
 
 NO_LOAD = (0.0, 0.0)

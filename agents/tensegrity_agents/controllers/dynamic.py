@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.base import beginning
+from tensegrity_envs.compiler.pytree import is_array, rebuild
 from tensegrity_envs.core import Core, unsquashed
-from tensegrity_envs.mechanics.structure import is_array, rebuild
 
 _PLANNED = 100  # steps of the quasi-static controller that are laid out in advance
 _PEAK = 15 / 8  # largest speed of the minimum-jerk time course, 1 being the mean

@@ -7,9 +7,9 @@ import numpy as np
 
 from tensegrity_envs.arms.dual_triangle_holding import HoldSampler
 from tensegrity_envs.arms.dual_triangle_sampling import Sampler
+from tensegrity_envs.compiler.namespace import Component, Components, to_single
 from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_angles
 from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
-from tensegrity_envs.mechanics.namespace import Component, Components, to_single
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.dynamic import DynamicControl

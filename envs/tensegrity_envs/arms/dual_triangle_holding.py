@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.mechanics.compiling import Kernel
+from tensegrity_envs.compiler.kernel import Kernel
+from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.compiler.pytree import Layout
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
-from tensegrity_envs.mechanics.namespace import Component, Components
-from tensegrity_envs.mechanics.structure import Layout
 from tensegrity_envs.seeding import EpisodeStream
 
 _FROM_LIMIT = 0.05  # of the joint angles [rad]

@@ -4,10 +4,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.mechanics.compiling import evaluate
+from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.equilibrium import follow
-from tensegrity_envs.mechanics.namespace import Component, Components
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.quasi_static import DeltaControl
 

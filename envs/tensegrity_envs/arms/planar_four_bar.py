@@ -6,8 +6,8 @@ from typing import Any, Literal
 import numpy as np
 
 from tensegrity_envs.arms.planar_four_bar_sampling import Sampler
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.core import Core, Drawn, sees_everything, squashed, tip_inputs_and_angles
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
 from tensegrity_envs.randomization import Randomization

@@ -4,9 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.mechanics.compiling import evaluate
+from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.equilibrium import follow
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl, wrench_margin

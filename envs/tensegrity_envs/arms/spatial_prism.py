@@ -6,8 +6,8 @@ from typing import Any, Literal
 import numpy as np
 
 from tensegrity_envs.arms.spatial_prism_sampling import GRAVITY, HARMONICS, Sampler
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.core import Core, Drawn, sees_everything, squashed
-from tensegrity_envs.mechanics.namespace import Component, Components
 from tensegrity_envs.mechanics.spatial_prism import JAHROMY, SpatialPrism, SpatialPrismDesign
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.rendering import Scene

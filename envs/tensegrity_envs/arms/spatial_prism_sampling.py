@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.mechanics.compiling import evaluate
-from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES, SpatialPrism, SpatialPrismDesign
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.lengths import LengthControl

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import shapely
 
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics import singularity
-from tensegrity_envs.mechanics.namespace import Component
 from tensegrity_envs.mechanics.overlay import chord_area, cut, feature, union
 from tensegrity_envs.mechanics.singularity import Aspects, Cusp, Node, PosturePath, zero_curves
 from tensegrity_envs.mechanics.two_x import TwoX

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 
 _ROUNDING = 1e-6  # of angles [rad]: whoever has come to the corner is free to go on
 _WIDEST = 1.0  # half of the angle about the obstacle that one corner takes, at most [rad]

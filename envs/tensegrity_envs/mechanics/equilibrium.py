@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.mechanics.compiling import evaluate
-from tensegrity_envs.mechanics.namespace import Component, Components, is_symbol, namespace_of
-from tensegrity_envs.mechanics.structure import is_array, leaves
-from tensegrity_envs.mechanics.tracing import Path
+from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.namespace import Component, Components, is_symbol, namespace_of
+from tensegrity_envs.compiler.pytree import is_array, leaves
+from tensegrity_envs.compiler.tracing import Path
 
 Hessian = tuple[Components, ...]
 Statics = Callable[[Any], tuple[Components, Hessian]]
@@ -82,7 +82,7 @@ def solve_symmetric(matrix: Hessian, right: Components) -> tuple[Components, Com
 def follow(path: PathStatics, q: Components, resolution: float = _RESOLUTION) -> tuple[Components, Component]:
     """Follow a stable equilibrium along a path of inputs or loads from parameter 0 to 1, never onto another branch.
 
-    For traced functions (see `compiling`), which alone may call it: the path's statics become the code of a Newton
+    For traced functions (`compiler.kernel`), which alone may call it: the statics become the code of a Newton
     step, and `continuation.follow` runs it. Where stability ends on the way, the last stable point is returned. So it
     is where stability all but ends: where a sub-step of the given resolution is still too long.
 
@@ -97,7 +97,7 @@ def follow(path: PathStatics, q: Components, resolution: float = _RESOLUTION) ->
     """
     graphs = [component.graph for component in q if is_symbol(component)]
     if not graphs:
-        raise TypeError("follow is for traced functions: call it inside one that compiling.evaluate is given")
+        raise TypeError("follow is for traced functions: call it inside one that compiler.kernel.evaluate is given")
     inner = Path(graphs[0], len(q))
     gradient, hessian = path(inner.configuration, inner.parameter)
     step, pivot, volume = solve_symmetric(hessian, gradient)

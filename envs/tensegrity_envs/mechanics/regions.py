@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from contourpy import FillType, contour_generator
 
-from tensegrity_envs.mechanics.namespace import Component
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.roots import bracketed_roots, hidden_sign_changes
 
 Map = Callable[[tuple[np.ndarray, np.ndarray]], tuple[Any, Any]]

@@ -19,7 +19,7 @@ from scipy.ndimage import maximum_filter
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from tensegrity_envs.mechanics.namespace import Component
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.overlay import winding_numbers
 from tensegrity_envs.mechanics.regions import Map, Region
 

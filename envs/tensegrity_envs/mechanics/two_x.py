@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, Components, is_batch, is_symbol, namespace_of
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers, take
-from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, is_symbol, namespace_of
 from tensegrity_envs.mechanics.polynomials import real_roots
 
 _NO_LOAD = (0.0, 0.0)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.overlay import Image, image
 from tensegrity_envs.mechanics.regions import BoundaryPoints, Region, Traced
 

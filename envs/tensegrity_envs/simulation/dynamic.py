@@ -6,7 +6,7 @@ A step has three parts: `command` (compiled) moves the inputs, an engine simulat
 
 from typing import Any, NamedTuple, Protocol
 
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 from tensegrity_envs.simulation.protocol import DIVERGED, FLIPPED, RUNNING, Episode, State
 from tensegrity_envs.simulation.quasi_static import keep_where
 

@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.equilibrium import follow
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.spatial_prism import SpatialPrism
 from tensegrity_envs.mechanics.spatial_prism.vectors import dot
 from tensegrity_envs.simulation.protocol import (

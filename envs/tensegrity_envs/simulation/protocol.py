@@ -3,7 +3,7 @@
 import math
 from typing import Any, NamedTuple, Protocol
 
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of, to_single
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 
 RUNNING, UNSTABLE, WRENCH_INFEASIBLE, BUCKLED, JOINT_LIMIT, OFF_TARGET, SINGULAR = range(7)
 DIVERGED, FLIPPED, SLACK = range(7, 10)

@@ -3,9 +3,9 @@
 from abc import ABC, abstractmethod
 from typing import Any
 
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle
 from tensegrity_envs.mechanics.equilibrium import follow
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.two_x import TwoX
 from tensegrity_envs.simulation.protocol import (
     BUCKLED,

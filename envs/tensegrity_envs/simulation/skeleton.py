@@ -6,8 +6,8 @@ skeleton has the nodes and members of its mechanism, at coordinates of its own. 
 
 from typing import Any
 
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.design import Member
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 from tensegrity_envs.mechanics.spatial_prism import SpatialPrism
 

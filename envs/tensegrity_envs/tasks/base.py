@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.mechanics.namespace import Component
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
 
 

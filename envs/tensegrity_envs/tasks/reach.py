@@ -8,8 +8,8 @@ and failing early never pays.
 from dataclasses import dataclass, field
 from typing import Any
 
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.detour import Disc, shortest_way
-from tensegrity_envs.mechanics.namespace import Component, Components
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
 from tensegrity_envs.tasks.base import Task
 from tensegrity_envs.tasks.weights import ReachWeights

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from tensegrity_envs.mechanics.namespace import Component
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
 from tensegrity_envs.tasks.base import Task
 from tensegrity_envs.tasks.weights import TrackWeights

@@ -14,10 +14,10 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from tensegrity_agents.controllers.dual_triangle.identification import links
-from tensegrity_envs.mechanics.compiling import evaluate
+from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.self_motion import self_motions
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 
 POSTURES = 96  # of the self-motion curve or curves of one target
 _SAMPLES = 33  # along a straight joint path

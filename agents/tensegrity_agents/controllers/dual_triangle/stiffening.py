@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.dual_triangle.identification import links
-from tensegrity_envs.mechanics.compiling import evaluate
+from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, SelfMotion
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 
 _BISECTIONS = 12
 _CLEAR = 1e-4  # [rad] of the joint limits

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.mechanics.compiling import evaluate
+from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.equilibrium import follow
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import loaded, rectangles
 from tensegrity_envs.simulation.actuator_lengths import LEAST_STIFFNESS, wrench_margin

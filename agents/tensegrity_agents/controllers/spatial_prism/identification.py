@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tensegrity_envs.mechanics.compiling import evaluate
-from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.spatial_prism import SpatialPrism, SpatialPrismDesign, statics
 from tensegrity_envs.mechanics.spatial_prism.vectors import (
     cross,

@@ -8,8 +8,8 @@ from tensegrity_agents.controllers.base import AnalyticController
 from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_agents.controllers.spatial_prism.identification import identify
 from tensegrity_agents.controllers.spatial_prism.reading import Reading, read
-from tensegrity_envs.mechanics.compiling import evaluate
-from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.spatial_prism import SpatialPrism, SpatialPrismDesign
 
 

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, Components, is_batch, namespace_of
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.mechanics.dual_triangle.branches import Branch, follow_load, heading_in_load
@@ -35,7 +36,6 @@ from tensegrity_envs.mechanics.dual_triangle.loads import (
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Links, Objective, Redundancy, resolve
 from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment, Springs
 from tensegrity_envs.mechanics.dual_triangle.shooting import candidates, grid_of_starts, polish
-from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, namespace_of
 
 _NO_LOAD = (0.0, 0.0)
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.mechanics.namespace import Component
+from tensegrity_envs.compiler.namespace import Component
 
 
 def check_finite(name: str, values: Sequence[Component], count: int) -> None:

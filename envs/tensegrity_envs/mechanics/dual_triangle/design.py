@@ -5,8 +5,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import namespace_of
 from tensegrity_envs.mechanics.design import require, require_finite_numbers
-from tensegrity_envs.mechanics.namespace import namespace_of
 
 
 @dataclass(frozen=True)

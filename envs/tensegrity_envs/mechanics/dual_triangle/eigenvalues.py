@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 
-from tensegrity_envs.mechanics.namespace import Component, Components, is_batch, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, is_batch, namespace_of
 
 
 def smallest_eigenvalue(matrix: tuple[Components, ...]) -> Component:

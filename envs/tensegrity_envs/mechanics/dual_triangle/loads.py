@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, self_motions
-from tensegrity_envs.mechanics.namespace import Component, Components
 
 if TYPE_CHECKING:
     from tensegrity_envs.mechanics.dual_triangle.chain import DualTriangle

@@ -13,8 +13,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, SelfMotion, self_motions, with_one_angle
-from tensegrity_envs.mechanics.namespace import Component, Components
 
 Objective = Literal["sum", "max", "squares"]
 _OBJECTIVES = ("sum", "max", "squares")

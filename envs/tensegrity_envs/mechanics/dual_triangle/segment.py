@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, is_symbol, namespace_of
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.design import take
 from tensegrity_envs.mechanics.dual_triangle import one_segment
 from tensegrity_envs.mechanics.dual_triangle.checks import check_finite, check_single
 from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
-from tensegrity_envs.mechanics.namespace import Component, is_symbol, namespace_of
 
 # Added to cos(theta/2), which no rounded angle makes smaller than 1e-17 unless it is exactly 0: changes nothing else.
 _NOT_ZERO = 1e-30

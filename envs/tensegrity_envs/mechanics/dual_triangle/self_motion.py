@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.mechanics.namespace import Components
+from tensegrity_envs.compiler.namespace import Components
 
 SINGLE, PAIR, ROUND = "single", "pair", "round"
 

@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, Components, is_symbol, namespace_of
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.design import Member
-from tensegrity_envs.mechanics.namespace import Component, Components, is_symbol, namespace_of
 from tensegrity_envs.mechanics.planar_four_bar import equilibria as _equilibria
 from tensegrity_envs.mechanics.planar_four_bar import inverse as _inverse
 from tensegrity_envs.mechanics.planar_four_bar import snapping as _snapping

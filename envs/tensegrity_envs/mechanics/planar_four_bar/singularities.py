@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.mechanics.namespace import Component
+from tensegrity_envs.compiler.namespace import Component
 
 if TYPE_CHECKING:
     from tensegrity_envs.mechanics.planar_four_bar.mechanism import PlanarFourBar

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.mechanics.namespace import Components
+from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.mechanics.spatial_prism import statics
 from tensegrity_envs.mechanics.spatial_prism.statics import Pose
 from tensegrity_envs.mechanics.spatial_prism.vectors import Matrix, add, rotate, scale, spin

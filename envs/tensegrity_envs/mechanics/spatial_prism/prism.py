@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, Components, is_symbol, namespace_of
 from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.mechanics.dual_triangle.eigenvalues import smallest_eigenvalue
-from tensegrity_envs.mechanics.namespace import Component, Components, is_symbol, namespace_of
 from tensegrity_envs.mechanics.spatial_prism import statics
 from tensegrity_envs.mechanics.spatial_prism.design import JAHROMY, SpatialPrismDesign
 from tensegrity_envs.mechanics.spatial_prism.loaded import LoadedEquilibrium, Problem, UnloadingLimit

@@ -12,7 +12,7 @@ lengths: r then follows from the rotation.
 
 from typing import NamedTuple
 
-from tensegrity_envs.mechanics.namespace import Component, Components
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.spatial_prism.vectors import (
     Matrix,
     add,

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 
 
 def trajectory31(t: Component) -> Components:

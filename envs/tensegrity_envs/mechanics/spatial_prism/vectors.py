@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from tensegrity_envs.mechanics.namespace import Component, Components, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 
 Matrix = tuple[Components, Components, Components]  # rows
 _TINY = 1e-300  # keeps the angle of no rotation from dividing by zero

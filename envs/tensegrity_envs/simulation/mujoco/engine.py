@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.mechanics.structure import Layout
+from tensegrity_envs.compiler.pytree import Layout
 from tensegrity_envs.simulation.dynamic import Motion
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.mujoco.model import MujocoModel

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.namespace import namespace_of, to_single
+from tensegrity_envs.compiler.pytree import Layout, leaves
 from tensegrity_envs.mechanics import MURALIDHARAN2022, DualTriangle, TwoX
-from tensegrity_envs.mechanics.compiling import evaluate
 from tensegrity_envs.mechanics.equilibrium import follow
-from tensegrity_envs.mechanics.namespace import namespace_of, to_single
 from tensegrity_envs.mechanics.polynomials import real_roots
-from tensegrity_envs.mechanics.structure import Layout, leaves
 
 
 def everything(x, y):

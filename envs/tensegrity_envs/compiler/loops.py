@@ -8,7 +8,7 @@ arithmetic that needs these calls, and so on.
 import re
 from collections import defaultdict
 
-from tensegrity_envs.mechanics.tracing import Graph, Input, Place
+from tensegrity_envs.compiler.tracing import Graph, Input, Place
 
 
 def loops(graph: Graph, first: int, width: int) -> tuple[list[str], int]:

@@ -6,8 +6,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from tensegrity_envs.mechanics.compiling import evaluate
-from tensegrity_envs.mechanics.namespace import namespace_of
+from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.namespace import namespace_of
 
 
 def sines(x):

@@ -1,7 +1,7 @@
 """Turn component code into straight-line source code, by running it on symbols.
 
 The equations of this package are written once, on components. Run on `Symbol`s, they leave behind the list of their
-operations: no repeated ones, none that a loop could do once before it begins. `compiling` makes machine code of that.
+operations: no repeated ones, none that a loop could do once before it begins. `kernel` makes machine code of that.
 Python's own control flow happens while tracing; a branch on a symbol's value is an error (use `where`).
 """
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from tensegrity_envs.mechanics.continuation import Rows
+from tensegrity_envs.compiler.continuation import Rows
 
 
 class Place(NamedTuple):

@@ -1,4 +1,4 @@
-"""Following a stable equilibrium along a path, for some arms at once. `compiling` turns this into machine code."""
+"""Following a stable equilibrium along a path, for some arms at once. `kernel` turns this into machine code."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Sine and cosine in plain arithmetic. `compiling` turns this into machine code, for several numbers at a time.
+"""Sine and cosine in plain arithmetic. `kernel` turns this into machine code, for several numbers at a time.
 
 The C library's take one number at a time, and were half of an environment's step.
 """

@@ -1,0 +1,1 @@
+"""Component code to machine code: traced on symbols, written as loops over environments, compiled by Numba, cached."""
