@@ -21,7 +21,7 @@ import numpy as np
 from tensegrity_envs.compiler.namespace import Component, Components, is_batch, is_symbol, namespace_of
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers, take
-from tensegrity_envs.mechanics.polynomials import real_roots
+from tensegrity_envs.mechanics.polynomials import product, real_roots
 
 _NO_LOAD = (0.0, 0.0)
 _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
@@ -707,7 +707,7 @@ class TwoX:
         # The variable is t = tan(omega/2), with t = infinity where the sample is largest: no root is near infinity.
         top = np.abs(samples).argmax(axis=1)
         turned = samples[np.arange(len(x))[:, None], (top[:, None] + np.arange(_SAMPLES)) % _SAMPLES]
-        polynomial = turned @ _SAMPLES_TO_POLYNOMIAL
+        polynomial = product(turned, _SAMPLES_TO_POLYNOMIAL)
         owner, t = real_roots(polynomial)
         a1 = self._from_anomaly(psi[top[owner]] + math.pi + 2 * np.arctan(t))
         dx, dy, dd = self._beyond_joint_1(x[owner], y[owner], a1)
