@@ -9,14 +9,15 @@ _NEAR = 1e-2  # roots closer together than this all but coincide
 
 
 def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """rows @ matrix, each row by itself: BLAS rounds otherwise for other numbers of rows, and an episode must not depend
-    on which others are drawn with it.
+    """rows @ matrix, each row by itself.
+
+    BLAS rounds otherwise for other numbers of rows, and an episode must not depend on those that are drawn with it.
 
     Args:
         rows: shape (n, m).
         matrix: shape (m, k).
     """
-    total = rows[:, :1] * matrix[0]
+    total: np.ndarray = rows[:, :1] * matrix[0]
     for i in range(1, len(matrix)):
         total += rows[:, i : i + 1] * matrix[i]
     return total
