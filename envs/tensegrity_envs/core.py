@@ -206,6 +206,20 @@ class Core(ABC):
     def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
 
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """A drawn episode, a batch of one, with another target or start.
+
+        Args:
+            drawn: the episode as it was drawn.
+            target: components of shape (1,), as "desired_goal" has them; None for the drawn one.
+            configuration: at the start, likewise.
+
+        Raises:
+            ValueError: neither can be chosen in this environment, or the episode could not be solved; the message says
+                why.
+        """
+        raise ValueError("'target' and 'configuration' cannot be chosen in this environment: its goal moves on a curve")
+
     @abstractmethod
     def observation(self, state: State, episode: Episode) -> list[Component]:
         """Components of the "observation" entry, each within [-1, 1]."""
@@ -417,9 +431,12 @@ class Core(ABC):
         Returns:
             The matrices of episodes and of outcomes.
         """
-        drawn = self.draw(seed, episode)
-        layouts = self._drawn_layouts
-        matrices = [layout.pack(part, len(seed)) for layout, part in zip(layouts, drawn, strict=True)]
+        return self.begin_drawn(self.draw(seed, episode))
+
+    def begin_drawn(self, drawn: Drawn) -> tuple[np.ndarray, np.ndarray]:
+        """Begin episodes that were drawn; see `begin`."""
+        layouts, count = self._drawn_layouts, len(drawn.configuration[0])
+        matrices = [layout.pack(part, count) for layout, part in zip(layouts, drawn, strict=True)]
         episodes, outcomes = matrices[0], self._begin(*matrices)
         if self.engine is not None:
             self._begin_motion(outcomes)

@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 
 from tensegrity_envs.arms import core_of
+from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.core import Core
 from tensegrity_envs.episodes import EpisodeQueue
 from tensegrity_envs.rendering import Scene, Viewer, checked_size, draw
@@ -82,17 +83,19 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
 
         Args:
             seed: any non-negative integer.
-            options: {"episode": k} begins the k-th episode of the seed, counted from 0.
+            options: {"episode": k} begins the k-th episode of the seed, counted from 0; {"target": (x, y)} and
+                {"configuration": q} put a target (as "desired_goal" has it) or a start of your own in the place of the
+                drawn one, where the mechanism can be there and the target can be reached.
 
         Raises:
-            ValueError: a number that is no non-negative integer, an unknown option.
+            ValueError: a number that is no non-negative integer, an unknown option, a target or configuration that is
+                not feasible; the message says why.
         """
         given = dict(options or {})
         episode = given.pop("episode", None)
+        chosen = {name: self._chosen(name, given.pop(name, None)) for name in ("target", "configuration")}
         if given:
-            raise ValueError(
-                f"reset options {list(given)}: the only one is 'episode', the number of the episode to begin"
-            )
+            raise ValueError(f"reset options {list(given)}: there are 'episode', 'target' and 'configuration'")
         episode = None if episode is None else checked_episode(episode)
         super().reset(seed=None if seed is None else checked_seed(seed))
         if self._queue is None:
@@ -101,9 +104,14 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             self._queue.restart(0, seed)
         if episode is not None:
             self._queue.restart(0, episode=episode)
-        episode, outcome = np.empty((self.core.episodes.size, 1)), np.empty((self.core.outcomes.size, 1))
-        self._queue.begin(np.array([0]), episode, outcome)
-        self._episode, self._outcome = episode, outcome
+        if all(value is None for value in chosen.values()):
+            column, outcome = np.empty((self.core.episodes.size, 1)), np.empty((self.core.outcomes.size, 1))
+            self._queue.begin(np.array([0]), column, outcome)
+        else:
+            drawn = self.core.placed(self.core.draw(*self._queue.peek(0)), **chosen)
+            column, outcome = self.core.begin_drawn(drawn)
+            self._queue.skip(0)
+        self._episode, self._outcome = column, outcome
         self._values = self._outcome[:, 0].tolist()
         self._steps = 0
         if self.render_mode is not None:
@@ -112,6 +120,20 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         if self.render_mode == "human":
             self.render()
         return observation, info
+
+    def _chosen(self, name: str, value: Any) -> Components | None:
+        """An option of `reset` as components of shape (1,)."""
+        if value is None:
+            return None
+        space = self.observation_space["desired_goal"].shape  # type: ignore[index]
+        size = space if name == "target" else (len(self.core.outcomes.rows.state.configuration),)
+        try:
+            array = np.array(value, float)
+        except (TypeError, ValueError):
+            array = np.zeros(0)
+        if array.shape != size or not np.isfinite(array).all():
+            raise ValueError(f"reset option {name!r} = {value!r}: must be {size[0]} finite numbers")
+        return tuple(array[:, None])
 
     def step(self, action: Any) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Advance by one step. The time limit is `gym.make`'s (TimeLimit).

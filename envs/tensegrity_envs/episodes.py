@@ -39,6 +39,17 @@ class EpisodeQueue:
         self._left[index] = 0
         self._first = True  # whoever reseeds once may do so again: draw no more than is asked for
 
+    def peek(self, index: int) -> tuple[np.ndarray, np.ndarray]:
+        """Seed and number of the next episode of environment `index`, both of shape (1,)."""
+        return self._seeds[index : index + 1].copy(), (self._next - self._left)[index : index + 1]
+
+    def skip(self, index: int) -> None:
+        """Leave out the next episode of environment `index`."""
+        if self._left[index]:
+            self._left[index] -= 1
+        else:
+            self._next[index] += 1
+
     def begin(self, index: np.ndarray, episodes: np.ndarray, outcomes: np.ndarray) -> None:
         """Begin the next episode of each of the environments at `index`.
 

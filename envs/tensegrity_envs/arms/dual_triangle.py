@@ -156,6 +156,21 @@ class DualTriangleReach(_DualTriangle):
         goal = tuple(to_single(component) for component in self.nominal.tip(start.target_configuration))
         return Drawn(Episode(design, start.load, (), goal, random=random), start.configuration, start.inputs)
 
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """See `Core.placed`. The configuration is the unloaded arm's: its inputs are kept while the load is put on.
+
+        A target is reachable where some stable posture under the load holds it; whether a path leads there is not
+        checked.
+        """
+        arm, load = DualTriangle(drawn.episode.design, SEGMENTS), drawn.episode.load
+        q, inputs = drawn.configuration, drawn.inputs
+        if configuration is not None:
+            q, inputs = self.sampler.start_at(arm, configuration, load)
+        goal = drawn.episode.goal if target is None else tuple(to_single(component) for component in target)
+        if target is not None:
+            self.sampler.check_target(arm, goal, load)
+        return Drawn(drawn.episode._replace(goal=goal), q, inputs)
+
     def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
         design = self._randomized(self.random_of(info))
@@ -228,6 +243,36 @@ class DualTrianglePush(_DualTriangle):
         q = self.sampler.draw(stream, x)
         episodes = Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), (x, 0.0 * x))
         return Drawn(episodes, tuple(q), None)
+
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """See `Core.placed`. The configuration must hold the target; a target alone draws its start."""
+        goal = drawn.episode.goal if target is None else tuple(to_single(component) for component in target)
+        if configuration is not None and target is None:
+            goal = tuple(to_single(component) for component in self.nominal.tip(configuration))
+        low, high = self.sampler.targets
+        x, y = (float(component[0]) for component in goal)
+        if not (low <= x <= high and abs(y) <= self.task.tolerance):
+            raise ValueError(f"target ({x:.6g}, {y:.6g}): must be (x, 0) with x from {low:.6g} to {high:.6g} m")
+        if configuration is not None:
+            self._check_holds(configuration, goal)
+            return Drawn(drawn.episode._replace(goal=goal), configuration, None)
+        q = self.sampler.draw(EpisodeStream(np.zeros(1, np.int64), np.zeros(1, np.int64)), goal[0])
+        return Drawn(drawn.episode._replace(goal=goal), tuple(q), None)
+
+    def _check_holds(self, q: Components, goal: Components) -> None:
+        """Refuse a posture that does not hold the target without a push, all limits kept."""
+        tip = self.nominal.tip(q)
+        gap = float(np.hypot(tip[0] - goal[0], tip[1] - goal[1])[0])
+        if gap > self.task.tolerance:
+            raise ValueError(f"configuration: its tip is {gap:.3g} m off the target, more than the tolerance")
+        lengths = self.nominal.free_lengths(self.nominal.control(q))
+        low, high = self.simulation.bounds(self.nominal)
+        fits = all(bool((low <= length).all() and (length <= high).all()) for length in lengths)
+        stability = float(self.nominal.stability_margin(q, lengths)[0])
+        if not (fits and stability > 0 and np.all(self.nominal.is_within_limits(q))):
+            raise ValueError(
+                f"configuration: cannot be held within joint limits and free lengths (stability margin {stability:.3g})"
+            )
 
     def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""

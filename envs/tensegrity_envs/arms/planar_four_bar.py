@@ -17,6 +17,7 @@ from tensegrity_envs.core import (
     squashed,
     tip_inputs_and_angles,
 )
+from tensegrity_envs.mechanics.design import take
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
@@ -131,6 +132,31 @@ class PlanarFourBarReach(Core):
         drawn = random | {"side": start.side}
         episodes = Episode(self._randomized(random), start.load, (), goal, solutions, drawn)
         return Drawn(episodes, start.configuration, start.lengths)
+
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """See `Core.placed`. A configuration follows from the lengths: it cannot be chosen."""
+        if configuration is not None:
+            raise ValueError("'configuration' cannot be chosen in this environment: it follows from actuator lengths")
+        assert target is not None
+        goal = tuple(to_single(component) for component in target)
+        x, y = (float(component[0]) for component in goal)
+        side = drawn.episode.random["side"]
+        load = tuple(float(force[0]) for force in drawn.episode.load)
+        mechanism = PlanarFourBar(take(drawn.episode.design, 0))
+        low, high = self.simulation.bounds(self.nominal)
+        fits = [
+            found
+            for found in mechanism.inverse_kinematics(x, y, load)
+            if found.is_stable and found.side == side[0] and all(low <= length <= high for length in found.lengths)
+        ]
+        if not fits:
+            raise ValueError(
+                f"target ({x:.6g}, {y:.6g}): no stable state on this episode's side, {int(side[0])}, has F there with "
+                f"lengths from {float(low):.6g} to {float(high):.6g} m"
+            )
+        return Drawn(
+            drawn.episode._replace(goal=goal, solutions=self._solutions(goal, side)), drawn.configuration, drawn.inputs
+        )
 
     def _solutions(self, goal: Components, side: np.ndarray) -> tuple[Components, ...]:
         """Actuator lengths of unloaded rectangles on a side, with F at goals of shape (n,) [m].

@@ -125,6 +125,22 @@ class TwoXReach(Core):
             drawn.tensions,
         )
 
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """See `Core.placed`. With a hidden payload the configuration is the nominal arm's, under no payload."""
+        mechanism, q, tensions = TwoX(drawn.episode.design), drawn.configuration, drawn.inputs
+        if configuration is not None:
+            q, tensions = self.sampler.start_at(mechanism, configuration, tensions is not None)
+        x, y = drawn.episode.goal if target is None else (to_single(component) for component in target)
+        found = feasible_solutions(mechanism, x, y)
+        reachable = self.sampler.in_reach(mechanism, q, found)
+        if not reachable.any():
+            where = f"target ({float(x[0]):.6g}, {float(y[0]):.6g})"
+            if not np.isfinite(found[0][0]).any():
+                raise ValueError(f"{where}: no stable, wrench-feasible configuration puts the tip there")
+            raise ValueError(f"{where}: in another piece of the stable wrench-feasible set than the start, {q}")
+        solutions = found if self.task.reward_type == "dense" else ()
+        return Drawn(drawn.episode._replace(goal=(x, y), solutions=solutions), q, tensions)
+
     def _randomized(self, random: dict[str, np.ndarray]) -> TwoXDesign:
         """The design with the stiffnesses and masses that episodes have drawn."""
         design = self.design

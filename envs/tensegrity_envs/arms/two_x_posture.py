@@ -203,6 +203,23 @@ class TwoXPostureChange(Core):
         target = tuple(to_single(alpha / 2) for alpha in goal)
         return Drawn(Episode(self.design, (0.0, 0.0), (), target), tuple(start), None)
 
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """See `Core.placed`. The target is a configuration, as (theta_1, theta_2)."""
+        start = drawn.configuration if configuration is None else configuration
+        goal = drawn.episode.goal if target is None else tuple(to_single(theta) for theta in target)
+        aspects = []
+        for name, q in (("configuration", start), ("target", tuple(2 * theta for theta in goal))):
+            turned = tuple(self._turn(alpha) for alpha in q)
+            height = float(abs(self.simulation.height(self.nominal, turned))[0])
+            aspects.append(int(self._aspect(turned)[0]))
+            if height < self.simulation.smallest or aspects[-1] < 0:
+                raise ValueError(
+                    f"{name} {tuple(float(part[0]) for part in q)}: singular, |det J| / L^2 = {height:.3g}"
+                )
+        if aspects[0] != aspects[1]:
+            raise ValueError("target: in another aspect than the start, behind a singularity")
+        return Drawn(drawn.episode._replace(goal=goal), tuple(self._turn(alpha) for alpha in start), None)
+
     def complete(self, episodes: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
         """Add the potential, which is read from a table, to the dense reward."""
         if self.task.reward_type == "dense" and self.task.weights.potential:
