@@ -12,12 +12,12 @@ import numpy as np
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components, is_symbol, namespace_of
-from tensegrity_envs.compiler.pytree import is_array, leaves
+from tensegrity_envs.compiler.pytree import is_array, tree_leaves
 from tensegrity_envs.compiler.tracing import Path
 
 Hessian = tuple[Components, ...]
 Statics = Callable[[Any], tuple[Components, Hessian]]
-# (configuration, parameters: any structure of components) -> gradient, Hessian; traceable
+# (configuration, parameters: any pytree of components) -> gradient, Hessian; traceable
 ParametricStatics = Callable[[Any, Any], tuple[Components, Hessian]]
 # (configuration, path parameter in [0, 1]) -> gradient, Hessian; traceable
 PathStatics = Callable[[Any, Any], tuple[Components, Hessian]]
@@ -126,11 +126,11 @@ def settle(statics: ParametricStatics, start: Sequence[Component], parameters: A
         statics: of the mechanism: (configuration, parameters) -> gradient, Hessian; a function of a module, since its
             compiled form is kept.
         start: components, floats or arrays of shape (n,).
-        parameters: a structure of floats and arrays of shape (n,): design, inputs, loads.
+        parameters: a pytree of floats and arrays of shape (n,): design, inputs, loads.
         limit: |component| is at most this.
     """
     start = tuple(qi if isinstance(qi, np.ndarray) else float(qi) for qi in start)
-    arrays = list(leaves((start, parameters), is_array))
+    arrays = list(tree_leaves((start, parameters), is_array))
     single = not arrays
     shape = np.broadcast_shapes((1,), *(value.shape for value in arrays))
     q0 = np.stack([np.broadcast_to(np.asarray(qi, float), shape) for qi in start])
