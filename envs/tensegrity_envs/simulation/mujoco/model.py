@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
-from tensegrity_envs.simulation.mujoco.simulator import FASTEST, RolloutResult, Simulator, without_log
+from tensegrity_envs.simulation.mujoco.processes import without_log
+from tensegrity_envs.simulation.mujoco.simulator import FASTEST, RolloutResult, Simulator
 from tensegrity_envs.simulation.mujoco.variants import variant_of
 
 __all__ = ["MujocoModel", "RolloutResult", "Settled"]
@@ -196,7 +197,7 @@ class MujocoModel(Simulator):
         Returns:
             The path.
         """
-        spec = self.spec.copy()
+        spec = self.spec
         if q is not None:
             ctrl = self.input_bounds[0] if inputs is None else self._check_inputs(inputs)
             state = self.state(np.asarray(q, float).reshape(-1), None, ctrl)
