@@ -7,8 +7,9 @@ of one column, the vector shell of n; both run the same machine code.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from copy import deepcopy
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -197,6 +198,26 @@ class Core(ABC):
     engine: "Engine | None" = None
     observation_space: spaces.Dict
     action_space: spaces.Box
+
+    def _made_on_use(self) -> dict[str, Any]:
+        """Kernels, layouts and what else follows from the rest, as far as it has been made."""
+        return {
+            name: value
+            for name, value in vars(self).items()
+            if isinstance(getattr(type(self), name, None), cached_property)
+        }
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy in another process needs: the rest is made anew, kernels from the disk."""
+        made = self._made_on_use()
+        return {name: value for name, value in vars(self).items() if name not in made}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Core":
+        """A copy with its own engine. Kernels and layouts never change and take long to make: both have them."""
+        other = object.__new__(type(self))
+        memo[id(self)] = other
+        vars(other).update(deepcopy(self.__getstate__(), memo) | self._made_on_use())
+        return other
 
     @abstractmethod
     def mechanism(self, design: Any) -> Any:
@@ -495,9 +516,7 @@ class Core(ABC):
             return None
         assert self.engine is not None
         keys = episodes[self._varied].T.tolist()
-        return [
-            self.engine.model_of(tuple(key), partial(self._parameters, episodes[:, i])) for i, key in enumerate(keys)
-        ]
+        return self.engine.models_of([tuple(key) for key in keys], lambda i: self._parameters(episodes[:, i]))
 
     def _parameters(self, column: np.ndarray) -> tuple[Any, Dynamics]:
         """Mechanism and dynamics of an episode."""

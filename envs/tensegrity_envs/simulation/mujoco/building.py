@@ -41,8 +41,14 @@ def input_members(members: tuple[Member, ...]) -> list[Member]:
     return [member for member in members if member.kind in ("cable", "actuator") or member.is_input]
 
 
-def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics) -> mujoco.MjSpec:
+def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics, textures: bool = True) -> mujoco.MjSpec:
     """The specification of the model: bodies, hinges, loops, tendons, actuators, and what makes a good picture.
+
+    Args:
+        mechanism: of one design, or its skeleton.
+        linkage: of it.
+        dynamics: what it does not tell.
+        textures: of wall and sky, 0.8 MB in each model; what is only simulated needs none.
 
     Raises:
         ValueError: prismatic actuators are to lag, or are too fast for the time step.
@@ -54,9 +60,9 @@ def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics) -> mu
     payload = getattr(design, "payload", None)
     _set_options(spec, dynamics, getattr(design, "gravity", 0.0))
     radius = max((m.radius for m in members if m.kind == "bar"), default=0.0) or 0.008 * linkage.extent
-    _add_looks(spec, linkage.extent)
+    _add_looks(spec, linkage.extent, textures)
     if isinstance(linkage, Platform):
-        add_view(spec, linkage.extent)
+        add_view(spec, linkage.extent, textures)
         bodies = add_platform(spec, linkage, dynamics, radius)
     else:
         _add_surroundings(spec, linkage.extent)
@@ -94,7 +100,7 @@ def _set_options(spec: mujoco.MjSpec, dynamics: Dynamics, gravity: float) -> Non
     option.disableflags = int(off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET | off.mjDSBL_ISLAND)
 
 
-def _add_looks(spec: mujoco.MjSpec, length: float) -> None:
+def _add_looks(spec: mujoco.MjSpec, length: float, textures: bool) -> None:
     """Materials, and how pictures are made."""
     spec.stat.extent = length
     spec.stat.center = [0.0, 0.0, 0.0]
@@ -108,6 +114,9 @@ def _add_looks(spec: mujoco.MjSpec, length: float) -> None:
     spec.visual.map.znear, spec.visual.map.zfar = 0.01, 50.0
     for name, rgba in _COLOURS.items():
         spec.add_material(name=name, rgba=rgba, specular=0.5, shininess=0.6)
+    wall = spec.add_material(name="wall", texrepeat=[8, 8], specular=0.05, shininess=0.1)
+    if not textures:
+        return
     spec.add_texture(
         name="wall",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
@@ -117,7 +126,6 @@ def _add_looks(spec: mujoco.MjSpec, length: float) -> None:
         width=512,
         height=512,
     )
-    wall = spec.add_material(name="wall", texrepeat=[8, 8], specular=0.05, shininess=0.1)
     wall.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "wall"
 
 
