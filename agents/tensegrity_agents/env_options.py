@@ -140,7 +140,8 @@ def canonical(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
         if name in options and _plain(options[name]) != _plain(gym.spec(env_id).kwargs.get(name)):
             result[name] = [float(value) for value in options[name]]
     others = {name: value for name, value in options.items() if name not in NAMES}
-    return result | json.loads(json.dumps(others, default=_plain))
+    result |= json.loads(json.dumps(others, default=_plain))
+    return result
 
 
 def results_name(env_id: str, options: Mapping[str, Any]) -> str:

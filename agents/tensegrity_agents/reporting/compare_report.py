@@ -31,7 +31,7 @@ def write_comparison(
     """
     runs = comparison.runs
     envs = _vector(experiment, 1)
-    core: Any = envs.unwrapped.core  # type: ignore[attr-defined]
+    core: Any = envs.unwrapped.core
     rows = table.summary_rows(runs, float(core.reach))
     (folder / "summary.md").write_text(table.to_markdown(rows) + "\n\n" + table.verdict(rows) + "\n")
     pictures = folder / "figures"

@@ -94,7 +94,9 @@ def restore(path: Path, described: dict[str, Any], model: BaseAlgorithm, env: Ve
 
 
 def _restored(content: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> Progressed:
-    found = {name: content.get(name, [] if name == "evaluations" else None) for name in Progressed._fields}
+    found: dict[str, Any] = {
+        name: content.get(name, [] if name == "evaluations" else None) for name in Progressed._fields
+    }
     found |= {
         name: _mapped(found[name], torch.Tensor, lambda tensor: tensor.numpy().copy())
         for name in ("episodes", "running")
@@ -160,9 +162,10 @@ def with_later_settings(before: dict[str, Any], described: dict[str, Any]) -> di
 
 def _parts(env: VecNormalize) -> tuple[VecMonitor, HintedVecEnv | None, VectorEnvAdapter]:
     monitor: Any = env.venv
-    inner = monitor.venv
+    inner: Any = monitor.venv
     hinted = inner if isinstance(inner, HintedVecEnv) else None
-    return monitor, hinted, inner if hinted is None else hinted.venv
+    adapter: Any = inner if hinted is None else hinted.venv
+    return monitor, hinted, adapter
 
 
 def _mapped(tree: Any, kind: type[Any], change: Callable[[Any], Any]) -> Any:

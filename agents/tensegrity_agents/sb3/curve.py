@@ -45,21 +45,21 @@ class CompleteEpisodes:
         self._step = 0
         self._begun = np.zeros(self._num_envs, np.int64)
         self._is_cut = np.full(self._num_envs, self._is_staggered)
-        self._waiting: list[tuple[float, ...]] = []  # a heap of (when it counts, success, return, length)
+        self._waiting: list[tuple[float, ...]] = []  # a heap of (when it counts, environment, success, return, length)
 
     def add(self, dones: np.ndarray, infos: Sequence[dict[str, Any]]) -> None:
         """A step of all environments, as Stable-Baselines3 tells it."""
         self._step += 1
-        for i in np.flatnonzero(dones):
+        for i in np.flatnonzero(dones).tolist():
             if not self._is_cut[i]:
                 told = infos[i]["episode"]
                 due = max(int(self._begun[i]) + self._limit, self._step)
                 success = float(infos[i].get("is_success", np.nan))
-                heapq.heappush(self._waiting, (float(due), success, float(told["r"]), float(told["l"])))
+                heapq.heappush(self._waiting, (float(due), float(i), success, float(told["r"]), float(told["l"])))
             self._is_cut[i] = False
             self._begun[i] = self._step
         while self._waiting and self._waiting[0][0] <= self._step:
-            self._latest.append(heapq.heappop(self._waiting)[1:])
+            self._latest.append(heapq.heappop(self._waiting)[2:])
 
     def means(self) -> tuple[float, float, float] | None:
         """Success, return and length of the latest episodes; None before there are any."""
