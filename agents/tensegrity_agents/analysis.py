@@ -109,6 +109,7 @@ def notes_on_designs(mechanism: str, designs: Sequence[str]) -> list[str]:
     notes = []
     for text in designs:
         named = _analysis_of(mechanism).designs
+        parse_design(text, named)
         base, given = _read_design(text, named)
         if given:
             changed = ", ".join(f"{name} = {value!r}" for name, value in given.items())

@@ -176,8 +176,16 @@ class Experiment(_Strict):
 
     @model_validator(mode="after")
     def _options_fit(self) -> "Experiment":
-        env_options.check_options(self.env, self.options)
-        env_options.check_options(self.env, self.training_options)
+        evaluated = env_options.check_options(self.env, self.options)
+        trained = env_options.check_options(self.env, self.training_options)
+        spaces = [
+            (core.observation_space["observation"].shape, core.action_space.shape) for core in (evaluated, trained)
+        ]
+        if spaces[0] != spaces[1]:
+            raise ValueError(
+                f"train.env_options: an agent that observes and acts like this ({spaces[1][0][0]} numbers observed, "
+                f"{spaces[1][1][0]} actions) cannot be evaluated on {self.env} ({spaces[0][0][0]} and {spaces[0][1][0]})"
+            )
         return self
 
     @model_validator(mode="after")

@@ -14,7 +14,7 @@ import yaml
 
 import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.yaml_file import ConfigError, parse_yaml, read_yaml
-from tensegrity_envs.mechanics.designs import PUBLISHED, name_of
+from tensegrity_envs.mechanics.designs import PUBLISHED
 
 NAMES = ("design", "randomization", "tolerance", "load_range", "payload_range")
 _DESIGN = (
@@ -163,7 +163,7 @@ def explain(env_id: str, options: Mapping[str, Any]) -> list[str]:
     for name, value in options.items():
         if name == "design" and isinstance(value, Mapping):
             given = {key: field for key, field in value.items() if key != "base"}
-            base = value.get("base") or name_of(check_options(env_id, {}).design) or "the environment's own design"
+            base = value.get("base") or _in_words(check_options(env_id, {}).design)
             fields = ", ".join(f"{key} = {field!r}" for key, field in given.items())
             lines.append(f"design: {fields or 'no field given'}; all other fields are those of {base}")
         else:
@@ -171,9 +171,19 @@ def explain(env_id: str, options: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def published_names() -> str:
-    """Names of the published designs, for messages."""
-    return ", ".join(PUBLISHED)
+def _in_words(design: Any) -> str:
+    """A design as the published one next to it and what differs."""
+
+    def differing(name: str) -> list[str]:
+        fields = [field.name for field in dataclasses.fields(design)]
+        return [key for key in fields if _plain(getattr(design, key)) != _plain(getattr(PUBLISHED[name], key))]
+
+    alike = [name for name, known in PUBLISHED.items() if isinstance(known, type(design))]
+    if not alike:
+        return "the environment's own design"
+    base = min(alike, key=lambda name: len(differing(name)))
+    changed = ", ".join(f"{key} = {_plain(getattr(design, key))}" for key in differing(base))
+    return f"{base}{f' with {changed}' if changed else ''}, which is the environment's"
 
 
 def _mapping(text: str, option: str, example: str) -> dict[str, Any]:

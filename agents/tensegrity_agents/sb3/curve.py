@@ -106,7 +106,8 @@ class Evaluations:
     def __call__(self, controller: Any, seconds: float, timesteps: int) -> list[float]:
         """A row of the table."""
         e = self.experiment
-        run = evaluate(controller, e.env, self.episodes, VALIDATION_SEED, "agent", "agent", e.options)
+        options = e.train.env_options | e.options  # the reward of the training, on the environment of the table
+        run = evaluate(controller, e.env, self.episodes, VALIDATION_SEED, "agent", "agent", options)
         means = [float(np.mean(run.columns[name])) for name in ("success", "return", "steps")]
         return [seconds, float(timesteps), *means]
 
