@@ -183,8 +183,8 @@ class Experiment(_Strict):
         ]
         if spaces[0] != spaces[1]:
             raise ValueError(
-                f"train.env_options: an agent that observes and acts like this ({spaces[1][0][0]} numbers observed, "
-                f"{spaces[1][1][0]} actions) cannot be evaluated on {self.env} ({spaces[0][0][0]} and {spaces[0][1][0]})"
+                f"train.env_options: an agent with observations and actions of sizes {spaces[1]} cannot be evaluated "
+                f"on {self.env}, where they are {spaces[0]}"
             )
         return self
 

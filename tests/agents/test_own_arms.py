@@ -58,7 +58,7 @@ def test_options_that_change_nothing_leave_the_results_folder_as_it_is():
             {"load_range": [0, 1]},
             {"tolerance": 0.02},
             {"design": "zhao2021_text"},
-            {"design": {"base": "zhao2021_text", "b1": 0.11}},
+            {"design": {"base": "zhao2021_text", "max_joint_angle": 1.2}},
             {"randomization": {"stiffness": [0.9, 1.1]}},
             {"randomization": {"stiffness": [0.9, 1.2]}},
         )
@@ -125,7 +125,7 @@ def test_comparisons_train_and_evaluate_with_the_options(tmp_path, monkeypatch):
         train_agents(usual, tmp_path / own.results_name, silent)
     assert usual.results_name == "TwoXReach-v0"
     again = train_agents(own, tmp_path / own.results_name, silent)
-    assert again[0].description == found.agents[0].description
+    assert found.agents[0].description.items() <= again[0].description.items()  # loaded, not trained again
 
 
 def test_policies_know_their_arm(tmp_path):
