@@ -276,3 +276,16 @@ def test_help_tells_defaults_and_baselines(script):
     if script in ("evaluate", "compare"):
         for env_id in ("tensegrity/TwoXReach-v0", "tensegrity/SpatialPrismTrackMuJoCo-v0"):
             assert all(name in told for name in baselines_of(env_id))
+
+
+def test_analyze_announces_the_files_that_are_there(place):
+    (place / "plain.yaml").write_text("base: furet2018\nb: 6e-2\n")
+    code, text = run("analyze", "two-x", "--design", "plain.yaml", "--out", "analysis")
+    assert code == 0, text
+    assert "plain.yaml: b = 0.06; all other fields are those of furet2018" in text
+    announced = set()
+    for line in text.splitlines():
+        if line.startswith("analysis"):
+            folder, names = line.split(": ")
+            announced |= {place / folder / name for name in names.split(", ")}
+    assert announced == {path for path in (place / "analysis").rglob("*.*") if path.is_file()}

@@ -132,6 +132,7 @@ class _Training(BaseCallback):
         self.rows: list[list[float]] = []
         self.evaluations: list[list[float]] = []
         self.segment, self.segment_end = 0, 0
+        self.seconds = 0.0  # spent before this process
         self.begun = self.saved = self.shown = time.monotonic()
 
     def resume(self) -> None:
@@ -142,7 +143,7 @@ class _Training(BaseCallback):
         """
         path = self.folder / CHECKPOINT
         found = restore(path, self.described, self.algorithm, self.env)
-        self.begun = time.monotonic() - found.seconds
+        self.seconds = found.seconds
         self.segment, self.rows, self.evaluations = found.segment, found.rows, found.evaluations
         if found.episodes is not None:
             self.episodes.go_on(found.episodes)
@@ -162,6 +163,7 @@ class _Training(BaseCallback):
             TrainingInterruptedError: a signal asked to stop.
         """
         total, model = self.settings.total_timesteps, self.algorithm
+        self.begun = time.monotonic() - self.seconds
         with _stopping() as self.stop:
             while model.num_timesteps < total:
                 if model.num_timesteps >= self.segment_end:
