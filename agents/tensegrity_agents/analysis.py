@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 import shapely
-import yaml
 from matplotlib.figure import Figure
 
+from tensegrity_agents import env_options
 from tensegrity_agents.reporting import analysis_dual_triangle as dual
 from tensegrity_agents.reporting import analysis_planar_four_bar as four_bar
 from tensegrity_agents.reporting import analysis_spatial_prism as spatial
@@ -72,36 +72,55 @@ def parse_design(text: str, named: Mapping[str, Callable[[], Any]]) -> tuple[str
     Raises:
         ValueError: unknown name or field, a value that is not a number, or a design that is not valid.
     """
-    first, *changes = (part.strip() for part in text.split(","))
-    base = next(iter(named.values()))()
+    base_name, values = _read_design(text, named)
+    base = named[base_name]()
     fields = {field.name for field in dataclasses.fields(base)}
-    values: dict[str, Any] = {}
-    if first.endswith((".yaml", ".yml")):
-        try:
-            content = yaml.safe_load(Path(first).read_text())
-        except (OSError, yaml.YAMLError) as error:
-            raise ValueError(f"--design {text}: cannot read {first}: {error}") from error
-        if not isinstance(content, dict):
-            raise ValueError(f"--design {text}: {first} must hold the fields of a design, such as 'b: 0.05'")
-        values |= content
-    elif first in named:
-        base = named[first]()
-    else:
-        raise ValueError(f"--design {text}: must begin with one of {', '.join(named)}, or with the name of a YAML file")
-    for change in changes:
-        name, _, value = change.partition("=")
-        try:
-            values[name.strip()] = float(value)
-        except ValueError:
-            raise ValueError(f"--design {text}: {change!r} must be field=number") from None
     if unknown := sorted(str(name) for name in values if name not in fields):
         raise ValueError(f"--design {text}: unknown {', '.join(unknown)}; the fields are {', '.join(sorted(fields))}")
     try:
         design = replace(base, **values)
-    except TypeError as error:
+    except (TypeError, ValueError) as error:
         raise ValueError(f"--design {text}: {error}") from error
+    first, *changes = (part.strip() for part in text.split(","))
     stem = Path(first).stem if first not in named else first
     return re.sub(r"[^A-Za-z0-9_.=-]+", "_", "_".join([stem, *changes])), design
+
+
+def _read_design(text: str, named: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The name of the design that other fields come from, and the fields that are given."""
+    given = env_options.parse_design(text)
+    if isinstance(given, str):
+        given = {"base": given}
+    base = given.pop("base", next(iter(named)))
+    if base not in named:
+        raise ValueError(
+            f"--design {text}: must begin with one of {', '.join(named)}, or with the name of a YAML file; or name one "
+            "of them as 'base'"
+        )
+    return str(base), given
+
+
+def notes_on_designs(mechanism: str, designs: Sequence[str]) -> list[str]:
+    """Lines that say from which designs those fields come that are not given.
+
+    Raises:
+        ValueError: unknown mechanism, or see `parse_design`.
+    """
+    notes = []
+    for text in designs:
+        named = _analysis_of(mechanism).designs
+        parse_design(text, named)
+        base, given = _read_design(text, named)
+        if given:
+            changed = ", ".join(f"{name} = {value!r}" for name, value in given.items())
+            notes.append(f"{text}: {changed}; all other fields are those of {base}")
+    return notes
+
+
+def _analysis_of(mechanism: str) -> Analysis:
+    if mechanism not in ANALYSES:
+        raise ValueError(f"unknown mechanism {mechanism!r}: there are analyses of {', '.join(ANALYSES)}")
+    return ANALYSES[mechanism]
 
 
 def analyze(mechanism: str, designs: Sequence[str], out: Path, progress: Progress) -> dict[str, Numbers]:
@@ -119,9 +138,7 @@ def analyze(mechanism: str, designs: Sequence[str], out: Path, progress: Progres
     Raises:
         ValueError: unknown mechanism, or see `parse_design`.
     """
-    if mechanism not in ANALYSES:
-        raise ValueError(f"unknown mechanism {mechanism!r}: there are analyses of {', '.join(ANALYSES)}")
-    chosen = ANALYSES[mechanism]
+    chosen = _analysis_of(mechanism)
     parsed = dict(parse_design(text, chosen.designs) for text in (designs or chosen.default))
     numbers = chosen.run(parsed, out, progress)
     for name, table in numbers.items():

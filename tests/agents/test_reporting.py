@@ -283,6 +283,8 @@ def test_joint_space_has_the_published_edge():
 )
 def test_learning_curve(progress):
     drawn(figures.learning_curve(progress))
+    drawn(figures.learning_curve(progress, {"seconds": [0.0, 4.0], "success": [0.1, 0.9], "return": [1.0, 50.0]}))
+    drawn(figures.learning_curve(progress, {"seconds": [], "success": [], "return": []}))
 
 
 def test_saved_figures_are_pictures_and_reproducible(tmp_path):

@@ -30,8 +30,8 @@ def write_comparison(
         The path of report.html, and the rows of the table.
     """
     runs = comparison.runs
-    envs = gym.make_vec(experiment.env, 1, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
-    core: Any = envs.unwrapped.core  # type: ignore[attr-defined]
+    envs = _vector(experiment, 1)
+    core: Any = envs.unwrapped.core
     rows = table.summary_rows(runs, float(core.reach))
     (folder / "summary.md").write_text(table.to_markdown(rows) + "\n\n" + table.verdict(rows) + "\n")
     pictures = folder / "figures"
@@ -76,14 +76,15 @@ def write_comparison(
     if not tracks:
         endings = _paths(comparison.controllers[agent], experiment, _WORKSPACE_EPISODES)[1]
         keep("workspace", figures.workspace(shade, endings, agent))
-    first = next(iter(comparison.curves.values()))
-    keep("learning_curve", figures.learning_curve(first))
+    first = next(iter(comparison.curves))
+    keep("learning_curve", figures.learning_curve(comparison.curves[first], comparison.evaluations.get(first)))
     film = video.record(
         experiment.env,
         comparison.controllers,
         TEST_SEED + experiment.video_episode,
         folder / "side_by_side.gif",
         max_steps=core.task.cycle if tracks else gym.spec(experiment.env).max_episode_steps or 100,
+        env_options=experiment.options,
     )
     drawn("video")
     descriptions = [policy.description for policy in comparison.agents.values()]
@@ -111,9 +112,19 @@ def write_comparison(
     return report, rows
 
 
+def _vector(experiment: Experiment, count: int) -> Any:
+    return gym.make_vec(
+        experiment.env,
+        count,
+        vectorization_mode="vector_entry_point",
+        autoreset_mode="SameStep",
+        **experiment.options,
+    )
+
+
 def _tracking_errors(controller: Any, experiment: Experiment, count: int = 300) -> np.ndarray:
     """Distance from the moving goal [m] after every step of the first test episodes, (steps, n); NaN once failed."""
-    envs = gym.make_vec(experiment.env, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
+    envs = _vector(experiment, count)
     observation, _ = envs.reset(seed=TEST_SEED)
     base: Any = envs.unwrapped
     if (begin := getattr(controller, "begin_episodes", None)) is not None:
@@ -150,7 +161,7 @@ def _tips(core: Any, count: int = 40_000) -> np.ndarray:
 
 def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np.ndarray], figures.Endings]:
     """Joint paths and tip positions of the first test episodes."""
-    envs = gym.make_vec(experiment.env, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
+    envs = _vector(experiment, count)
     observation, info = envs.reset(seed=TEST_SEED)
     begin = getattr(controller, "begin_episodes", None)
     base: Any = envs.unwrapped

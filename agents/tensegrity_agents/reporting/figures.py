@@ -494,35 +494,50 @@ def workspace(shade: Callable[[Any], np.ndarray], episodes: Endings, title: str 
 
 
 @_styled
-def learning_curve(progress: Mapping[str, Sequence[float] | np.ndarray]) -> Figure:
-    """Success and return of training episodes over the time spent.
+def learning_curve(
+    progress: Mapping[str, Sequence[float] | np.ndarray],
+    evaluation: Mapping[str, Sequence[float] | np.ndarray] | None = None,
+) -> Figure:
+    """Success and return over the time spent: of training episodes, and of the agent without exploration noise.
 
     Args:
         progress: "seconds", "timesteps", "success" (fractions) and "return", sequences of equal length; "success" and
             "return" may be missing or hold NaN.
+        evaluation: the same of the agent without noise, on validation episodes; None if it was not evaluated.
     """
+    quiet = {key: np.asarray(values, float) for key, values in (evaluation or {}).items()}
     seconds = np.asarray(progress.get("seconds", ()), float)
     timesteps = np.asarray(progress.get("timesteps", ()), float)
-    curves = [
-        (label, scale * np.asarray(progress[key], float), colour)
+    panels_of = [
+        (key, label, scale, colour)
         for key, label, scale, colour in (
             ("success", "success [%]", 100.0, _AGENTS[0]),
             ("return", "return", 1.0, _BASELINES[0]),
         )
-        if key in progress and np.isfinite(np.asarray(progress[key], float)).any()
+        if any(np.isfinite(np.asarray(told.get(key, ()), float)).any() for told in (progress, quiet))
     ]
-    figure = _figure(7.2, 1.0 + 1.7 * max(len(curves), 1))
-    panels = list(np.atleast_1d(figure.subplots(max(len(curves), 1), 1, sharex=True)))
-    for axes, (label, values, colour) in zip(panels, curves, strict=False):
-        axes.plot(seconds, values, color=colour, linewidth=1.8, marker="o" if len(seconds) < 40 else "", markersize=3)
+    figure = _figure(7.2, 1.0 + 1.7 * max(len(panels_of), 1))
+    panels = list(np.atleast_1d(figure.subplots(max(len(panels_of), 1), 1, sharex=True)))
+    for axes, (key, label, scale, colour) in zip(panels, panels_of, strict=False):
+        if key in progress:
+            values = scale * np.asarray(progress[key], float)
+            marker = "o" if len(seconds) < 40 else ""
+            axes.plot(seconds, values, color=colour, linewidth=1.8, marker=marker, markersize=3, label="in training")
+        if key in quiet:
+            style = {"color": _INK, "linewidth": 1.2, "linestyle": "--", "marker": "s", "markersize": 3}
+            axes.plot(quiet["seconds"], scale * quiet[key], label="without noise, validation", **style)
         axes.set_ylabel(label)
-        if label.startswith("success"):
+        if key == "success":
             axes.set_ylim(0, 102)
-    if not curves:
+    if quiet and panels_of:
+        handles, _ = panels[0].get_legend_handles_labels()
+        _legend(panels[0], handles)
+    if not panels_of:
         _note(panels[0], "no episode ended during training")
     panels[-1].set_xlabel("time spent training [s]")
-    if len(seconds):
-        panels[0].set_xlim(0, max(float(seconds.max()), 1e-9))
+    last = max([float(np.max(times)) for times in (seconds, quiet.get("seconds", ())) if len(times)], default=0.0)
+    if last:
+        panels[0].set_xlim(0, last)
     rising = (
         len(seconds) > 1 and all(b > a for a, b in pairwise(seconds)) and all(b > a for a, b in pairwise(timesteps))
     )

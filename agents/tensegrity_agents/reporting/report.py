@@ -49,8 +49,8 @@ CAPTIONS = {
     "solutions meet. Lines are episodes, from the open circle to the filled mark.",
     "workspace": "What the tip can reach in a stable, wrench-feasible way (blue), the targets that were reached "
     "(green), and the paths of the tip in episodes that failed (orange; dotted: what was missing).",
-    "learning_curve": "Success and return of the training episodes, in which actions are noisy, over the time spent. "
-    "Dips are checkpoints, where all environments begin anew and the first episodes are cut short.",
+    "learning_curve": "Success and return over the time spent: of complete training episodes, in which actions are "
+    "noisy, and of the agent without that noise on a few validation episodes, which is what the table measures.",
 }
 _PACKAGES = (
     "tensegrity-envs",
