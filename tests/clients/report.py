@@ -42,7 +42,13 @@ class Client:
         except Exception as fault:
             traceback.print_exc()
             works, seen = "NO", f"{type(fault).__name__}: {fault}"
-        row = {"client": f"{self.package} {self.version}", "id": env_id, "what": what, "works": works, "seen": str(seen)}
+        row = {
+            "client": f"{self.package} {self.version}",
+            "id": env_id,
+            "what": what,
+            "works": works,
+            "seen": str(seen),
+        }
         print("ROW " + json.dumps(row), flush=True)
 
 
@@ -53,9 +59,7 @@ class Inapplicable(Exception):
 def same(first: Any, second: Any) -> bool:
     """Whether two trees of dicts, sequences, tensors and arrays are equal, dtypes of arrays included."""
     if isinstance(first, dict):
-        return (
-            isinstance(second, dict) and set(first) == set(second) and all(same(first[k], second[k]) for k in first)
-        )
+        return isinstance(second, dict) and set(first) == set(second) and all(same(first[k], second[k]) for k in first)
     if isinstance(first, list | tuple):
         return len(first) == len(second) and all(map(same, first, second))
     if first is None or second is None:

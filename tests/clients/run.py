@@ -56,7 +56,13 @@ def rows_of(client: str, keep: Path | None = None) -> list[Row]:
                 rows.append(json.loads(line[4:]))
                 print("  ".join(rows[-1].values()), flush=True)
         if run.wait():
-            row = {"client": client, "id": "-", "what": "run to its end", "works": "NO", "seen": f"exit {run.returncode}"}
+            row = {
+                "client": client,
+                "id": "-",
+                "what": "run to its end",
+                "works": "NO",
+                "seen": f"exit {run.returncode}",
+            }
             rows.append(row)
         return rows
 

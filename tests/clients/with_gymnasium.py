@@ -49,7 +49,10 @@ def of_jax(envs: Vector) -> Vector:
 
 NUMBERS: dict[str, Callable[[Vector], Vector]] = {
     "VectorizeTransformObservation": lambda e: wrappers.VectorizeTransformObservation(
-        e, TransformObservation, func=lambda o: o["observation"], observation_space=e.single_observation_space["observation"]
+        e,
+        TransformObservation,
+        func=lambda o: o["observation"],
+        observation_space=e.single_observation_space["observation"],
     ),
     "VectorizeTransformAction": lambda e: wrappers.VectorizeTransformAction(
         e, RescaleAction, min_action=np.float32(-2), max_action=np.float32(2)
@@ -57,7 +60,10 @@ NUMBERS: dict[str, Callable[[Vector], Vector]] = {
     "VectorizeTransformReward": lambda e: wrappers.VectorizeTransformReward(e, TransformReward, func=lambda r: 2 * r),
     "DictInfoToList": wrappers.DictInfoToList,
     "TransformObservation": lambda e: wrappers.TransformObservation(
-        e, lambda o: o["achieved_goal"], e.observation_space["achieved_goal"], e.single_observation_space["achieved_goal"]
+        e,
+        lambda o: o["achieved_goal"],
+        e.observation_space["achieved_goal"],
+        e.single_observation_space["achieved_goal"],
     ),
     "FilterObservation": lambda e: wrappers.FilterObservation(e, ["observation", "desired_goal"]),
     "FlattenObservation": wrappers.FlattenObservation,
@@ -113,7 +119,9 @@ def alike(env_id: str, wrap: Callable[[Vector], Vector], steps: int, **options: 
         *got, info = native.step(actions)
         *expected, expected_info = single.step(actions)
         must(same(got, expected), f"step {step} differs")
-        must(same(without_times(info), without_times(expected_info)), f"infos differ: {differences(info, expected_info)}")
+        must(
+            same(without_times(info), without_times(expected_info)), f"infos differ: {differences(info, expected_info)}"
+        )
         ended += int(np.asarray(got[2]).sum() + np.asarray(got[3]).sum())
     native.close()
     single.close()
@@ -124,7 +132,9 @@ def alike(env_id: str, wrap: Callable[[Vector], Vector], steps: int, **options: 
 def differences(info: Any, expected: Any) -> list[Any]:
     """The entries in which two infos differ."""
     if isinstance(info, dict) and isinstance(expected, dict):
-        return [k for k in set(info) | set(expected) if k not in info or k not in expected or not same(info[k], expected[k])]
+        return [
+            k for k in set(info) | set(expected) if k not in info or k not in expected or not same(info[k], expected[k])
+        ]
     return [info, expected]
 
 
