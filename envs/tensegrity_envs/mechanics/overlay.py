@@ -104,7 +104,7 @@ class SheetImage:
         source: the sheet.
         rings: images of its boundary curves, shape (n, 2) each.
         area: counted with multiplicity, between the curves, not their chords.
-        area_error: estimate for the polygons of the chords.
+        area_error: estimate: for the polygons of the chords, or of what they have missed, if that is more.
     """
 
     name: str
@@ -121,7 +121,7 @@ class Image:
     Attributes:
         sheets: each mapped without folds.
         faces: bounded faces, those with no preimage (holes) included.
-        area_error: estimate for each of the areas, from the chords of all curves.
+        area_error: estimate for each of the areas, from the chords of all curves and what they miss.
     """
 
     sheets: tuple[SheetImage, ...]
@@ -225,7 +225,7 @@ def image(sheets: Mapping[str, Traced], mapping: Map, precision: float = PRECISI
             bulge, part = chord_area(closed(ring))
             area += signed_area(ring) + bulge
             error += part
-        mapped.append(SheetImage(name, traced, rings, abs(area), error))
+        mapped.append(SheetImage(name, traced, rings, abs(area), max(error, traced.missed_in_image)))
     everything = [closed(ring) for sheet in mapped for ring in sheet.rings]
     polygons = cut(everything, precision)
     inside = np.array([[*p.representative_point().coords[0]] for p in polygons]).reshape(-1, 2)

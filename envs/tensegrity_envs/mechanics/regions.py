@@ -18,6 +18,7 @@ from contourpy import FillType, contour_generator
 
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.roots import bracketed_roots, hidden_sign_changes
+from tensegrity_envs.mechanics.slivers import missed
 
 Map = Callable[[tuple[np.ndarray, np.ndarray]], tuple[Any, Any]]
 
@@ -226,7 +227,12 @@ class Region:
     # ---------------------------------------------------------------------------------------------------- boundary
 
     def trace(
-        self, resolution: int = 256, tolerance: float = 1e-6, image: Map | None = None, finest: int = 2048
+        self,
+        resolution: int = 256,
+        tolerance: float = 1e-6,
+        image: Map | None = None,
+        finest: int = 2048,
+        lines: int = 64,
     ) -> "Traced":
         """The boundary as closed polygons.
 
@@ -241,6 +247,7 @@ class Region:
                 in the image, relative to its size.
             image: a map of the plane; its curves are then as smooth as the region's own.
             finest: largest resolution.
+            lines: in each direction, along which exact slices check what the grid may have missed; 0 for no check.
 
         Raises:
             ValueError: resolution or tolerance is out of range.
@@ -255,7 +262,11 @@ class Region:
             if 2 * resolution > finest or not (small or self._is_too_coarse(margin, grids)):
                 break
             resolution *= 2
-        return _trace(self, grids, margin, rings, shape, tolerance, image)
+        traced = _trace(self, grids, margin, rings, shape, tolerance, image)
+        if not lines:
+            return traced
+        more = missed(self, traced.rings, max(float(g[1] - g[0]) for g in grids), lines, image)
+        return replace(traced, area_error=max(traced.area_error, more.area), missed_in_image=more.image)
 
     def _is_too_coarse(self, margin: np.ndarray, grids: list[np.ndarray]) -> bool:
         positive = margin > 0
@@ -319,7 +330,9 @@ class Traced:
         components: of it.
         area: chords' polygons and the segments between chords and curves.
         area_error: estimate: those segments, added without regard to their sign, and more where the boundary could not
-            be resolved. It does not know of features smaller than a cell of the grid.
+            be resolved; or what lines between those of the grid have found missing or too much (`slivers.py`), if that
+            is more.
+        missed_in_image: the latter, in the image of the map that the boundary was traced for [its units squared].
         resolution: cells of the grid along each coordinate.
     """
 
@@ -328,6 +341,7 @@ class Traced:
     area: float
     area_error: float
     resolution: int
+    missed_in_image: float = 0.0
 
     @property
     def is_empty(self) -> bool:

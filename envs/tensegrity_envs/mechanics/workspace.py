@@ -142,7 +142,7 @@ def stable_wrench_feasible_size(
     """
     sheets = {
         name: stable_wrench_feasible_joint_space(mechanism, limit, sign).trace(
-            resolution, tolerance, mechanism.tip, finest=2 * resolution
+            resolution, tolerance, mechanism.tip, finest=2 * resolution, lines=0
         )
         for name, sign in SHEETS.items()
     }
