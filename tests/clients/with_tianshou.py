@@ -93,10 +93,10 @@ def processes(env_id: str) -> str:
     """Environments in processes of their own give what they give in this one."""
     makers = [lambda: gym.make(f"tensegrity_envs:{env_id}") for _ in range(2)]
     here, there = DummyVectorEnv(makers), SubprocVectorEnv(makers, context="spawn")
-    seen = [Batch({"obs": list(envs.reset(seed=[3, 4])[0])}) for envs in (here, there)]
+    seen = [Batch({"obs": list(envs.reset(seed=3)[0])}) for envs in (here, there)]
     generator = np.random.default_rng(0)
     for _ in range(20):
-        actions = generator.uniform(-1, 1, (2, *here.action_space[0].shape)).astype(np.float32)
+        actions = 0.05 * generator.uniform(-1, 1, (2, *here.action_space[0].shape)).astype(np.float32)
         (_, first, *_), (_, second, *_) = here.step(actions), there.step(actions)
         must(np.array_equal(first, second), "other rewards in processes")
     must(str(seen[0]) == str(seen[1]), "other observations in processes")
