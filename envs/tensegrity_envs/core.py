@@ -16,7 +16,7 @@ from gymnasium import spaces
 
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
-from tensegrity_envs.compiler.pytree import Layout, is_row, leaves
+from tensegrity_envs.compiler.pytree import Schema, is_row, tree_leaves
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.rendering import Scene
 from tensegrity_envs.simulation.dynamic import Command, Drivable, DynamicControl, Motion
@@ -382,38 +382,38 @@ class Core(ABC):
     # ------------------------------------------------------------------------------------------ batches, as matrices
 
     @cached_property
-    def _drawn_layouts(self) -> tuple[Layout, Layout, Layout]:
-        """Layouts of episodes, start configurations and start inputs, which are those of any draw."""
+    def _drawn_schemas(self) -> tuple[Schema, Schema, Schema]:
+        """Schemas of episodes, start configurations and start inputs, which are those of any draw."""
         drawn = self.draw(np.zeros(1, np.int64), np.zeros(1, np.int64))
-        return Layout(drawn.episode), Layout(drawn.configuration), Layout(drawn.inputs)
+        return Schema(drawn.episode), Schema(drawn.configuration), Schema(drawn.inputs)
 
     @property
-    def episodes(self) -> Layout:
+    def episodes(self) -> Schema:
         """Of a matrix of episodes."""
-        return self._drawn_layouts[0]
+        return self._drawn_schemas[0]
 
     @cached_property
     def _begin(self) -> Kernel:
-        return Kernel(self.begun, *self._drawn_layouts)
+        return Kernel(self.begun, *self._drawn_schemas)
 
     @property
-    def outcomes(self) -> Layout:
+    def outcomes(self) -> Schema:
         """Of a matrix of outcomes."""
         return self._begin.result
 
     @cached_property
-    def states(self) -> Layout:
+    def states(self) -> Schema:
         """Of a matrix of states: the first rows of a matrix of outcomes."""
-        return Layout(self.outcomes.rows.state, is_row, lambda row: row.kind)
+        return Schema(self.outcomes.rows.state, is_row, lambda row: row.kind)
 
     @cached_property
     def _step(self) -> Kernel:
-        actions = Layout(tuple(np.zeros(1) for _ in range(self.simulation.action_size)))
+        actions = Schema(tuple(np.zeros(1) for _ in range(self.simulation.action_size)))
         return Kernel(self.stepped, self.episodes, self.states, actions)
 
     @cached_property
     def _command(self) -> Kernel:
-        actions = Layout(tuple(np.zeros(1) for _ in range(self.simulation.action_size)))
+        actions = Schema(tuple(np.zeros(1) for _ in range(self.simulation.action_size)))
         return Kernel(self.commanded, self.episodes, self.states, actions)
 
     @cached_property
@@ -435,8 +435,8 @@ class Core(ABC):
 
     def begin_drawn(self, drawn: Drawn) -> tuple[np.ndarray, np.ndarray]:
         """Begin episodes that were drawn; see `begin`."""
-        layouts, count = self._drawn_layouts, len(drawn.configuration[0])
-        matrices = [layout.pack(part, count) for layout, part in zip(layouts, drawn, strict=True)]
+        schemas, count = self._drawn_schemas, len(drawn.configuration[0])
+        matrices = [schema.pack(part, count) for schema, part in zip(schemas, drawn, strict=True)]
         episodes, outcomes = matrices[0], self._begin(*matrices)
         if self.engine is not None:
             self._begin_motion(outcomes)
@@ -487,7 +487,7 @@ class Core(ABC):
         """Rows of the matrix of episodes on which a simulation's parameters depend."""
         rows = self.episodes.rows
         random = [row for name, row in rows.random.items() if name in ("mass", "damping")]
-        return [int(row) for row in (*leaves(rows.design, is_row), *random)]
+        return [int(row) for row in (*tree_leaves(rows.design, is_row), *random)]
 
     def _models(self, episodes: np.ndarray) -> list[Any] | None:
         """The engine's model of every episode; None where all are the same."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import namespace_of, to_single
-from tensegrity_envs.compiler.pytree import Layout, leaves
+from tensegrity_envs.compiler.pytree import Schema, tree_leaves
 from tensegrity_envs.mechanics import MURALIDHARAN2022, DualTriangle, TwoX
 from tensegrity_envs.mechanics.equilibrium import follow
 from tensegrity_envs.mechanics.polynomials import real_roots
@@ -45,7 +45,7 @@ def test_compiled_operations_are_those_of_floats(x, y):
     def is_number(value):
         return isinstance(value, float | bool)
 
-    for one, other in zip(leaves(compiled, is_number), leaves(plain, is_number), strict=True):
+    for one, other in zip(tree_leaves(compiled, is_number), tree_leaves(plain, is_number), strict=True):
         assert type(one) is type(other)
         assert one == pytest.approx(other, rel=1e-14, abs=1e-14)
 
@@ -73,9 +73,9 @@ def test_one_column_gives_what_many_give_to_the_last_bit():
     ]
     alone = [evaluate(both, *column) for column in np.stack(given, axis=1).tolist()]
     for count in (2, 7, 8, 9, 16, 17, 31, 40):
-        many = list(leaves(evaluate(both, *(values[:count] for values in given)), is_array))
+        many = list(tree_leaves(evaluate(both, *(values[:count] for values in given)), is_array))
         for i in range(count):
-            one = list(leaves(alone[i], lambda value: isinstance(value, float | bool | int)))
+            one = list(tree_leaves(alone[i], lambda value: isinstance(value, float | bool | int)))
             np.testing.assert_array_equal(np.array([value[i] for value in many]), np.array([float(v) for v in one]))
 
 
@@ -102,7 +102,7 @@ def test_compiled_statics_are_those_of_arrays(arm, inputs):
     forces = tuple(rng.uniform(0.01, 0.09, (inputs, 50)))
     expected = arm.statics(q, forces)
     found = evaluate(_statics, arm.design, q, forces)
-    for one, other in zip(leaves(found, is_array), leaves(expected, is_array), strict=True):
+    for one, other in zip(tree_leaves(found, is_array), tree_leaves(expected, is_array), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
 
 
@@ -164,17 +164,17 @@ def test_real_roots_are_found(roots, seed):
 
 def test_a_layout_packs_and_unpacks():
     tree = {"a": (np.arange(3.0), np.array([True, False, True])), "b": [np.array([1, 2, 3])], "c": "kept"}
-    layout = Layout(tree)
-    matrix = layout.pack(tree, 3)
+    schema = Schema(tree)
+    matrix = schema.pack(tree, 3)
     assert matrix.shape == (3, 3)
-    back = layout.unpack(matrix)
+    back = schema.unpack(matrix)
     assert back["c"] == "kept"
     assert back["a"][1].dtype == bool
     np.testing.assert_array_equal(back["b"][0], tree["b"][0])
-    one = layout.unpack(matrix[:, 1])
+    one = schema.unpack(matrix[:, 1])
     assert one == {"a": (1.0, False), "b": [2], "c": "kept"}
     with pytest.raises(ValueError, match="expected"):
-        layout.pack({"a": (np.arange(3.0),)}, 3)
+        schema.pack({"a": (np.arange(3.0),)}, 3)
 
 
 def test_compiled_code_is_kept_and_a_directory_that_cannot_be_written_does_no_harm(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from brute_force import missed_by_planar_four_bar, missed_by_two_x
 from scipy.optimize import brentq
 
-from tensegrity_envs.mechanics import FURET2018, JI2014, MURALIDHARAN2022, PlanarFourBar, TwoX, TwoXDesign
+from tensegrity_envs.mechanics import FURET2018, JI2014, MURALIDHARAN2022, PlanarFourBar, SpatialPrism, TwoX, TwoXDesign
 from tensegrity_envs.mechanics.intervals import Interval
 from tensegrity_envs.mechanics.roots import circle_roots
 from tensegrity_envs.mechanics.workspace import stable_wrench_feasible_joint_space, stable_wrench_feasible_workspace
@@ -184,3 +184,18 @@ def test_errors_of_areas_know_of_slivers():
     assert abs(traced.area - area) < 2 * traced.area_error + 0.01 * area
     assert abs(sum(sheet.area for sheet in workspace.sheets) - mapped) < 2 * workspace.area_error + 0.01 * mapped
     assert workspace.area_error < 0.3 * mapped
+
+
+def test_no_prism_is_stable_that_is_not_in_balance():
+    """Down to platforms a rounding error above the base."""
+    prism, rng = SpatialPrism(), np.random.default_rng(0)
+    stable = 0
+    for _ in range(400):
+        height = 10 ** rng.uniform(-10, 0)
+        position = (rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), height)
+        wrench = rng.normal(size=6) * 10 ** rng.uniform(-3, 1) * (rng.random(6) < 0.7)
+        found = prism.loaded_inverse_kinematics(position, wrench)
+        stable += bool(found.is_stable)
+        size = 10.0 + np.abs(wrench).sum()  # k d D = 10 N m
+        assert not found.is_stable or found.residual <= 1e-6 * size
+    assert stable > 100

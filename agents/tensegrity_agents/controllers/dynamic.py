@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.base import beginning
-from tensegrity_envs.compiler.pytree import is_array, rebuild
+from tensegrity_envs.compiler.pytree import is_array, tree_map
 from tensegrity_envs.core import Core, unsquashed
 
 _PLANNED = 100  # steps of the quasi-static controller that are laid out in advance
@@ -190,7 +190,7 @@ class Ramp(Dynamic):
         part = sensed._replace(rest=rest)
         start = np.ones(len(index), bool)
         design, privileged = self.told
-        self.base.begin_episodes(start, design, rebuild(privileged, is_array, lambda value: value[index]))
+        self.base.begin_episodes(start, design, tree_map(lambda value: value[index], privileged, is_array))
         inputs, state = sensed.inputs[index], None
         path = [inputs]
         for _ in range(_PLANNED):

@@ -7,7 +7,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.compiler.pytree import Layout
+from tensegrity_envs.compiler.pytree import Schema
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.seeding import EpisodeStream
 
@@ -42,7 +42,7 @@ class HoldSampler:
             q, good = hold_start(self.arm.design, self.arm.segments, x, share, side, self.highest)
             return *q, good
 
-        return Kernel(start, Layout((np.zeros(1),) * 3))
+        return Kernel(start, Schema((np.zeros(1),) * 3))
 
     def draw(self, stream: EpisodeStream, x: np.ndarray) -> np.ndarray:
         """Postures (3, n) [rad] for targets x of shape (n,) [m].

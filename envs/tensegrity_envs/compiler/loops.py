@@ -8,7 +8,7 @@ arithmetic that needs these calls, and so on.
 import re
 from collections import defaultdict
 
-from tensegrity_envs.compiler.tracing import Graph, Input, Place
+from tensegrity_envs.compiler.tracing import Graph, Input, Slot
 
 
 def loops(graph: Graph, first: int, width: int) -> tuple[list[str], int]:
@@ -24,43 +24,43 @@ def loops(graph: Graph, first: int, width: int) -> tuple[list[str], int]:
     Returns:
         The lines, and how many rows there must be.
     """
-    lines = {line.name: line for line in graph.lines}
-    loop_of = {line.name: _loop(line.level, line.is_call) for line in graph.lines}
-    places = defaultdict(list)  # at which to leave a value, by its name
-    for place, name in graph.stores:
-        places[name].append(place)
+    ops = {op.name: op for op in graph.ops}
+    loop_of = {op.name: _loop(op.level, op.is_call) for op in graph.ops}
+    slots = defaultdict(list)  # at which to leave a value, by its name
+    for slot, name in graph.stores:
+        slots[name].append(slot)
     inputs = dict(graph.inputs)
     row = first
-    for line in graph.lines:
-        for name in line.arguments:
-            if name not in inputs and loop_of[name] != loop_of[line.name]:
-                inputs[name] = Input(Place("w", row), lines[name].level, lines[name].kind)
-                places[name].append(inputs[name].place)
+    for op in graph.ops:
+        for name in op.arguments:
+            if name not in inputs and loop_of[name] != loop_of[op.name]:
+                inputs[name] = Input(Slot("w", row), ops[name].level, ops[name].kind)
+                slots[name].append(inputs[name].slot)
                 row += 1
 
     body: dict[int, list[str]] = defaultdict(list)
     known: dict[int, set[str]] = defaultdict(set)
 
-    def element(place: Place) -> str:
-        return f"{place.array}[{place.row * width} + n]"
+    def element(slot: Slot) -> str:
+        return f"{slot.array}[{slot.row * width} + n]"
 
     def read(name: str, loop: int) -> None:
         if name in inputs and name not in known[loop]:
             is_true = " != 0" if inputs[name].kind == "bool" else ""
-            body[loop].append(f"{name} = {element(inputs[name].place)}{is_true}")
+            body[loop].append(f"{name} = {element(inputs[name].slot)}{is_true}")
             known[loop].add(name)
 
     def write(name: str, loop: int) -> None:
-        body[loop].extend(f"{element(place)} = {name}" for place in places.pop(name, []))
+        body[loop].extend(f"{element(slot)} = {name}" for slot in slots.pop(name, []))
 
-    for line in graph.lines:
-        loop = loop_of[line.name]
-        for name in line.arguments:
+    for op in graph.ops:
+        loop = loop_of[op.name]
+        for name in op.arguments:
             read(name, loop)
-        body[loop].append(f"{line.name} = {line.expression}")
-        known[loop].add(line.name)
-        write(line.name, loop)
-    for name in list(places):  # inputs and constants
+        body[loop].append(f"{op.name} = {op.expression}")
+        known[loop].add(op.name)
+        write(op.name, loop)
+    for name in list(slots):  # inputs and constants
         loop = _loop(inputs[name].level if name in inputs else 0, False)
         read(name, loop)
         write(name, loop)

@@ -1,4 +1,4 @@
-"""Nested structures of components (tuples, named tuples, dicts, designs) as matrices of numbers, and back.
+"""Pytrees: nested components (in tuples, named tuples, dicts, designs) as matrices of numbers, and back.
 
 A batch of n environments is stored as one matrix: a row for each component, a column for each environment. Compiled
 functions run along the columns; replacing an episode is copying a column.
@@ -12,35 +12,37 @@ from typing import Any
 import numpy as np
 
 
-def leaves(tree: Any, is_leaf: Callable[[Any], bool]) -> Iterator[Any]:
-    """The leaves of a structure, in a fixed order; whatever is neither a container nor a leaf is left out."""
+def tree_leaves(tree: Any, is_leaf: Callable[[Any], bool]) -> Iterator[Any]:
+    """The leaves of a pytree, in a fixed order; whatever is neither a container nor a leaf is left out."""
     if is_leaf(tree):
         yield tree
     elif isinstance(tree, tuple | list):
         for part in tree:
-            yield from leaves(part, is_leaf)
+            yield from tree_leaves(part, is_leaf)
     elif isinstance(tree, dict):
         for part in tree.values():
-            yield from leaves(part, is_leaf)
+            yield from tree_leaves(part, is_leaf)
     elif dataclasses.is_dataclass(tree):
         for part in vars(tree).values():
-            yield from leaves(part, is_leaf)
+            yield from tree_leaves(part, is_leaf)
 
 
-def rebuild(tree: Any, is_leaf: Callable[[Any], bool], replace: Callable[[Any], Any]) -> Any:
-    """The structure with every leaf replaced. Designs are not validated anew: parts of a valid batch are valid."""
+def tree_map(function: Callable[[Any], Any], tree: Any, is_leaf: Callable[[Any], bool]) -> Any:
+    """The pytree with a function of every leaf in its place. Designs are not validated anew: parts of valid batches
+    are valid.
+    """
     if is_leaf(tree):
-        return replace(tree)
+        return function(tree)
     if isinstance(tree, tuple):
-        parts = [rebuild(part, is_leaf, replace) for part in tree]
+        parts = [tree_map(function, part, is_leaf) for part in tree]
         return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
     if isinstance(tree, list):
-        return [rebuild(part, is_leaf, replace) for part in tree]
+        return [tree_map(function, part, is_leaf) for part in tree]
     if isinstance(tree, dict):
-        return {key: rebuild(part, is_leaf, replace) for key, part in tree.items()}
-    if dataclasses.is_dataclass(tree) and any(True for _ in leaves(tree, is_leaf)):
+        return {key: tree_map(function, part, is_leaf) for key, part in tree.items()}
+    if dataclasses.is_dataclass(tree) and any(True for _ in tree_leaves(tree, is_leaf)):
         copy = object.__new__(type(tree))
-        vars(copy).update({key: rebuild(part, is_leaf, replace) for key, part in vars(tree).items()})
+        vars(copy).update({key: tree_map(function, part, is_leaf) for key, part in vars(tree).items()})
         return copy
     return tree
 
@@ -71,16 +73,16 @@ def _kind_of_array(array: Any) -> str:
     return {"b": "bool", "i": "int"}.get(array.dtype.kind, "float")
 
 
-class Layout:
-    """Where the components of a structure stand in a matrix.
+class Schema:
+    """Where the components of a pytree stand in a matrix.
 
     Args:
-        tree: a structure whose leaves tell which of its values vary; all others are kept as they are.
+        tree: a pytree whose leaves tell which of its values vary; all others are kept as they are.
         is_leaf: tells the leaves; by default, arrays.
         kind: of a leaf's numbers; by default that of the array's.
 
     Attributes:
-        rows: the structure with the row of every component in its place.
+        rows: the pytree with the row of every component in its place.
         size: number of rows.
     """
 
@@ -88,12 +90,12 @@ class Layout:
         self, tree: Any, is_leaf: Callable[[Any], bool] = is_array, kind: Callable[[Any], str] = _kind_of_array
     ) -> None:
         numbers = count()
-        self.rows = rebuild(tree, is_leaf, lambda leaf: Row(next(numbers), kind(leaf)))
+        self.rows = tree_map(lambda leaf: Row(next(numbers), kind(leaf)), tree, is_leaf)
         self.size = next(numbers)
 
     def pack(self, tree: Any, n: int) -> np.ndarray:
         """The matrix of a batch of n: shape (size, n)."""
-        components = list(leaves(tree, is_array))
+        components = list(tree_leaves(tree, is_array))
         if len(components) != self.size:
             raise ValueError(f"{len(components)} components given, {self.size} expected")
         matrix = np.empty((self.size, n))
@@ -102,11 +104,11 @@ class Layout:
         return matrix
 
     def unpack(self, matrix: np.ndarray) -> Any:
-        """The structure on arrays of shape (n,); of a single column, of shape (size,), on numbers."""
+        """The pytree on arrays of shape (n,); of a single column, of shape (size,), on numbers."""
         convert: dict[str, Callable[[Any], Any]]
         if matrix.ndim == 1:
             values: list[float] = matrix.tolist()
             convert = {"float": float, "int": int, "bool": bool}
-            return rebuild(self.rows, is_row, lambda row: convert[row.kind](values[row]))
+            return tree_map(lambda row: convert[row.kind](values[row]), self.rows, is_row)
         convert = {"float": lambda v: v, "int": lambda v: v.astype(np.int64), "bool": lambda v: v != 0}
-        return rebuild(self.rows, is_row, lambda row: convert[row.kind](matrix[row]))
+        return tree_map(lambda row: convert[row.kind](matrix[row]), self.rows, is_row)

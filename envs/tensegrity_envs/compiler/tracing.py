@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from tensegrity_envs.compiler.continuation import Rows
 
 
-class Place(NamedTuple):
+class Slot(NamedTuple):
     """A row of an array: the value of column n stands at [row, n]."""
 
     array: str
@@ -21,14 +21,14 @@ class Place(NamedTuple):
 
 
 class Input(NamedTuple):
-    """A value that a function finds at some place, from the given level on."""
+    """A value that a function finds in some slot, from the given level on."""
 
-    place: Place
+    slot: Slot
     level: int
     kind: str
 
 
-class Line(NamedTuple):
+class Op(NamedTuple):
     """An operation.
 
     Attributes:
@@ -52,9 +52,9 @@ class Graph:
     """The operations of one function; a path's graph has that of the function around it as its parent.
 
     Attributes:
-        lines: its operations, in an order in which they can be done.
+        ops: its operations, in an order in which they can be done.
         inputs: by name.
-        stores: which values (names or numbers) the function leaves at which places.
+        stores: which values (names or numbers) the function leaves in which slots.
         captured: symbols of the parent that a path reads, by name, in rows from `first_captured` on.
         constants: of the outermost function and its paths, by how they are written; c0, c1, ... are their names.
         paths: that the function follows.
@@ -62,9 +62,9 @@ class Graph:
 
     def __init__(self, parent: "Graph | None" = None, first_captured: int = 0) -> None:
         self.parent, self.first_captured = parent, first_captured
-        self.lines: list[Line] = []
+        self.ops: list[Op] = []
         self.inputs: dict[str, Input] = {}
-        self.stores: list[tuple[Place, str]] = []
+        self.stores: list[tuple[Slot, str]] = []
         self.captured: dict[str, Symbol] = {}
         self.constants: dict[str, float] = {}
         self.paths: list[Path] = []
@@ -75,27 +75,27 @@ class Graph:
         """The outermost function."""
         return self.parent.root if self.parent else self
 
-    def input(self, place: Place, kind: str = "float", level: int = 0) -> "Symbol":
-        """The symbol of what stands at a place, the same one for the same place."""
-        if place not in self._known:
+    def input(self, slot: Slot, kind: str = "float", level: int = 0) -> "Symbol":
+        """The symbol of what stands in a slot, the same one for the same slot."""
+        if slot not in self._known:
             name = f"x{len(self.inputs)}"
-            self.inputs[name] = Input(place, level, kind)
-            self._known[place] = Symbol(self, name, kind, level)
-        return self._known[place]
+            self.inputs[name] = Input(slot, level, kind)
+            self._known[slot] = Symbol(self, name, kind, level)
+        return self._known[slot]
 
     def assign(
         self, expression: str, arguments: Sequence["Symbol"], kind: str = "float", is_call: bool = False
     ) -> "Symbol":
         """The symbol of an expression, the same one for the same expression."""
         if expression not in self._known:
-            name, level = f"v{len(self.lines)}", max((a.level for a in arguments), default=0) + is_call
-            self.lines.append(Line(name, expression, tuple(a.name for a in arguments), level, is_call, kind))
+            name, level = f"v{len(self.ops)}", max((a.level for a in arguments), default=0) + is_call
+            self.ops.append(Op(name, expression, tuple(a.name for a in arguments), level, is_call, kind))
             self._known[expression] = Symbol(self, name, kind, level)
         return self._known[expression]
 
-    def store(self, place: Place, value: Any) -> None:
-        """Leave a symbol or a number at a place."""
-        self.stores.append((place, str(self.local(value))))
+    def store(self, slot: Slot, value: Any) -> None:
+        """Leave a symbol or a number in a slot."""
+        self.stores.append((slot, str(self.local(value))))
 
     def local(self, value: Any) -> "Symbol | str":
         """A symbol or a number as this graph can use it.
@@ -109,7 +109,7 @@ class Graph:
             outer = self.parent.local(value)
             assert isinstance(outer, Symbol)
             self.captured[outer.name] = outer
-            return self.input(Place("w", self.first_captured + list(self.captured).index(outer.name)))
+            return self.input(Slot("w", self.first_captured + list(self.captured).index(outer.name)))
         if isinstance(value, bool | int):
             return repr(value)
         constants, number = self.root.constants, float(value)
@@ -187,12 +187,12 @@ def _function(template: str, of_floats: Callable[..., Any], kind: str = "float",
     return call
 
 
-def _one_of(template: str, place: int, of_floats: Callable[..., Any]) -> Any:
+def _one_of(template: str, index: int, of_floats: Callable[..., Any]) -> Any:
     """As `_function`, one of the results of a function that has several."""
 
     def call(argument: Any) -> Any:
         if isinstance(argument, Symbol):
-            return operation(f"{{}}[{place}]", operation(template, argument))
+            return operation(f"{{}}[{index}]", operation(template, argument))
         return of_floats(argument)
 
     return call
@@ -233,8 +233,8 @@ class Path:
     def __init__(self, outer: Graph, size: int) -> None:
         self.outer, self.rows = outer, Rows(size)
         self.graph = Graph(outer, self.rows.captured)
-        self.configuration = tuple(self.graph.input(Place("w", row)) for row in range(size))
-        self.parameter = self.graph.input(Place("w", self.rows.parameter))
+        self.configuration = tuple(self.graph.input(Slot("w", row)) for row in range(size))
+        self.parameter = self.graph.input(Slot("w", self.rows.parameter))
         self.level, self.resolution = 0, ""
 
     def finish(
@@ -242,13 +242,13 @@ class Path:
     ) -> tuple[tuple[Any, ...], Any]:
         """Close the path's code with its results; let the function follow it, and return its end and fraction."""
         for row, value in enumerate((*step, pivot, volume), self.rows.step):
-            self.graph.store(Place("w", row), value)
+            self.graph.store(Slot("w", row), value)
         outer, array = self.outer, f"w{len(self.outer.paths)}"
         outer.paths.append(self)
         first = [*enumerate(start), *enumerate(self.graph.captured.values(), self.rows.captured)]
         for row, value in first:
-            outer.store(Place(array, row), value)
+            outer.store(Slot(array, row), value)
         self.resolution = str(outer.local(resolution))
         self.level = 1 + max((value.level for _, value in first if isinstance(value, Symbol)), default=0)
-        end = tuple(outer.input(Place(array, row), level=self.level) for row in range(len(start)))
-        return end, outer.input(Place(array, self.rows.parameter), level=self.level)
+        end = tuple(outer.input(Slot(array, row), level=self.level) for row in range(len(start)))
+        return end, outer.input(Slot(array, self.rows.parameter), level=self.level)

@@ -12,13 +12,13 @@ import numpy as np
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components, detached, is_symbol, is_tensor, namespace_of
-from tensegrity_envs.compiler.pytree import is_array, leaves, rebuild
+from tensegrity_envs.compiler.pytree import is_array, tree_leaves, tree_map
 from tensegrity_envs.compiler.tracing import Path
 from tensegrity_envs.mechanics.intervals import Interval
 
 Hessian = tuple[Components, ...]
 Statics = Callable[[Any], tuple[Components, Hessian]]
-# (configuration, parameters: any structure of components) -> gradient, Hessian; traceable
+# (configuration, parameters: any pytree of components) -> gradient, Hessian; traceable
 ParametricStatics = Callable[[Any, Any], tuple[Components, Hessian]]
 # (configuration, path parameter in [0, 1]) -> gradient, Hessian; traceable
 PathStatics = Callable[[Any, Any], tuple[Components, Hessian]]
@@ -129,14 +129,14 @@ def settle(statics: ParametricStatics, start: Sequence[Component], parameters: A
         statics: of the mechanism: (configuration, parameters) -> gradient, Hessian; a function of a module, since its
             compiled form is kept.
         start: components, floats or arrays of shape (n,).
-        parameters: a structure of floats and arrays of shape (n,): design, inputs, loads. Where a start or parameter is
+        parameters: a pytree of floats and arrays of shape (n,): design, inputs, loads. Where a start or parameter is
             a Torch tensor, so is the result, with the gradients that the implicit function theorem gives.
         limit: |component| is at most this.
     """
-    if any(True for _ in leaves((tuple(start), parameters), is_tensor)):
+    if any(True for _ in tree_leaves((tuple(start), parameters), is_tensor)):
         return _settle_tensors(statics, tuple(start), parameters, limit)
     start = tuple(qi if isinstance(qi, np.ndarray) else float(qi) for qi in start)
-    arrays = list(leaves((start, parameters), is_array))
+    arrays = list(tree_leaves((start, parameters), is_array))
     single = not arrays
     shape = np.broadcast_shapes((1,), *(value.shape for value in arrays))
     q0 = np.stack([np.broadcast_to(np.asarray(qi, float), shape) for qi in start])
@@ -173,9 +173,9 @@ def _settle_tensors(statics: ParametricStatics, start: Components, parameters: A
 
     The step is zero but for rounding, and its derivative -H^-1 dg/dp is that of the equilibrium.
     """
-    begin, given = rebuild((start, parameters), is_tensor, detached)
+    begin, given = tree_map((start, parameters), is_tensor, detached)
     found = settle(statics, begin, given, limit)
-    like = next(leaves((start, parameters), is_tensor))
+    like = next(tree_leaves((start, parameters), is_tensor))
     q = tuple(like.new_tensor(np.asarray(angle)) for angle in found.configuration)
     gradient, hessian = statics(q, parameters)
     held = tuple(tuple(entry + 0.0 * like.new_zeros(()) for entry in row) for row in hessian)

@@ -20,6 +20,7 @@ _ITERATIONS = 12
 _LONGEST_TURN = 0.1  # [rad] of a step along the path, and of a Newton step; more is too far
 _FORCE_STEP, _FORCE_RESOLUTION = 1 / 40, 2.0**-42  # of the largest force that is tried
 _CONVERGED = 1e-13  # [rad]
+_BALANCED = 1e-6  # of a moment left over, relative to those that balance
 
 
 class LoadedEquilibrium(NamedTuple):
@@ -78,7 +79,7 @@ class Problem:
         locked: bool,
         sheet: np.ndarray,
     ) -> None:
-        self.d, _, self.k = design
+        self.d, self.width, self.k = design
         self.platform, self.base, self.known = platform, base, known
         self.locked, self.sheet = locked, sheet
 
@@ -145,7 +146,7 @@ class Problem:
                 return type(value)(pick(v) for v in value)
             return value[index] if isinstance(value, np.ndarray) and value.ndim else value
 
-        part.d, part.k = pick(self.d), pick(self.k)
+        part.d, part.width, part.k = pick(self.d), pick(self.width), pick(self.k)
         part.platform, part.base = pick(self.platform), pick(self.base)
         part.known, part.locked, part.sheet = self.known[:, index], self.locked, self.sheet[index]
         return part
@@ -179,15 +180,23 @@ class Problem:
             left = statics.moment(pose, self.k, rho, tuple(wrench[3:]))
             tensions = statics.cable_tensions(pose, self.k, rho, force, self.d)
         free = (wrench[3:] == 0).all(axis=0)
+        residual = np.sqrt(sum(m * m for m in left))
+        # Of a platform next to the base's plane a rotation of a rounding error is a moment of any size.
+        balanced = residual <= _BALANCED * self._moment(wrench)
         return LoadedEquilibrium(
             (*pose.position, *w),
             lengths,
             tuple(r * l for r, l in zip(rho, lengths, strict=True)),
             tuple(np.where(free, tension, np.nan) for tension in tensions),
-            np.sqrt(sum(m * m for m in left)),
-            (fraction >= 1) & self.stable(w, wrench),
+            residual,
+            (fraction >= 1) & balanced & self.stable(w, wrench),
             fraction,
         )
+
+    def _moment(self, wrench: np.ndarray) -> np.ndarray:
+        """Of what size the moments are that balance one another [N m]."""
+        force, torque = (np.sqrt((part * part).sum(axis=0)) for part in (wrench[:3], wrench[3:]))
+        return np.asarray(self.k * self.d * self.width + force * self.d + torque)
 
     def unloading(self, direction: np.ndarray, largest: float) -> UnloadingLimit:
         """The first event while the force grows along `direction` (3, n) to `largest` [N].

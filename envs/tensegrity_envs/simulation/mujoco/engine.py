@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.compiler.pytree import Layout
+from tensegrity_envs.compiler.pytree import Schema
 from tensegrity_envs.simulation.dynamic import Motion
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.mujoco.model import MujocoModel
@@ -26,7 +26,7 @@ class Engine:
         model: of these parameters.
         joints: how many coordinates there are; see `MujocoModel`.
         physics_size: numbers in a state.
-        motions: layout of a matrix of `Motion`s.
+        motions: schema of a matrix of `Motion`s.
     """
 
     def __init__(self, mechanism: Any, dynamics: Dynamics) -> None:
@@ -35,7 +35,7 @@ class Engine:
         self.physics_size = self.model.state_size
         self._models: dict[tuple[float, ...], Any] = {}
         row = np.zeros(1)
-        self.motions = Layout(Motion((row,) * self.joints, (row,) * self.joints, (row,) * self.physics_size, row, row))
+        self.motions = Schema(Motion((row,) * self.joints, (row,) * self.joints, (row,) * self.physics_size, row, row))
         self._cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
     def begin(self, q: np.ndarray, actuation: np.ndarray) -> np.ndarray:

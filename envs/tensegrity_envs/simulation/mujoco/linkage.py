@@ -14,7 +14,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
-from tensegrity_envs.compiler.pytree import Layout
+from tensegrity_envs.compiler.pytree import Schema
 from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.mechanics.polynomials import product
 
@@ -316,7 +316,7 @@ class Linkage:
     @cached_property
     def _assembly(self) -> Kernel:
         """Compiled: what arrays and numbers compute differs in the last digit."""
-        return Kernel(self._largest_error, Layout(tuple(np.zeros(1) for _ in self._chain)))
+        return Kernel(self._largest_error, Schema(tuple(np.zeros(1) for _ in self._chain)))
 
     def _largest_error(self, angles: Components) -> tuple[Component]:
         """See `assembly_error`, on components."""
