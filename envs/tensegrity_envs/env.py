@@ -178,13 +178,14 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         values = self._values
         info: dict[str, Any] = {}
         for name, first, end, kind in self.core.info_entries:
-            # NumPy's numbers, of which clients ask the dtype; but Python's bool, which Gymnasium's vectors know
+            # All with a dtype, which clients ask for (TorchRL). Truths are arrays of shape (): of NumPy's bool scalars
+            # Gymnasium's vectors make arrays of objects.
             if end is not None:
                 info[name] = np.array(values[first:end])
             elif kind == "float":
                 info[name] = np.float64(values[first])
             else:
-                info[name] = values[first] != 0 if kind == "bool" else np.int64(values[first])
+                info[name] = np.array(values[first] != 0) if kind == "bool" else np.int64(values[first])
         info["step"] = np.int64(self._steps)
         return info
 

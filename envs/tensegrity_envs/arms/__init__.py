@@ -50,5 +50,8 @@ def core_of(arm: str | type[Core], options: dict[str, object]) -> Core:
         if name not in known:
             close = get_close_matches(name, known, 1)
             hint = f" (did you mean {close[0]!r}?)" if close else ""
-            raise TypeError(f"{arm.__name__} has no argument {name!r}{hint}; there are {', '.join(known)}")
+            # Python's own words for it: clients such as TorchRL try arguments, and look for these in the message.
+            raise TypeError(
+                f"{arm.__name__} got an unexpected keyword argument {name!r}{hint}; there are {', '.join(known)}"
+            )
     return arm(**options)
