@@ -1,5 +1,6 @@
 """The planar 4-bar mechanism as a reaching environment, loaded or not."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -171,11 +172,15 @@ class PlanarFourBarReach(Core):
         load = tuple(np.asarray(info["load"], float).T)
         return Episode(self._randomized(random), load, (), goal, self._solutions(goal, random["side"]))
 
+    def places(self, drawn: Drawn) -> Iterable[Any]:
+        """See `Core.places`."""
+        return self.nominal.nodes(drawn.configuration, drawn.inputs).values()
+
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""
         mechanism = self.mechanism(episode.design)
         forces = mechanism.member_forces(state.configuration, state.inputs, episode.load)
-        force, length = float(mechanism.largest_force), float(mechanism.length)
+        force = float(mechanism.largest_force)
         return {
             "nodes": mechanism.nodes(state.configuration, state.inputs),
             "members": mechanism.members,
@@ -184,5 +189,4 @@ class PlanarFourBarReach(Core):
             "base": ("A", "B"),
             "load": episode.load,
             "load_scale": 0.2 * force,
-            "reach": 2.0 * length,
         }
