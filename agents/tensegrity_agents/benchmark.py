@@ -122,7 +122,7 @@ def vector(count: int = 1024, blocks: int = 10, progress: Callable[[str], None] 
     rival_rates = []
     for env_id, size in [*((env_id, 1.0) for env_id in RESTING), _GENTLE]:
         progress(f"vector {env_id} x {count}, {31 * blocks} steps, and {5 * blocks} of {REFERENCE}")
-        envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point")
+        envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
         envs.reset(seed=0)
         rng = np.random.default_rng(0)
         _seconds(envs, rng, size, 1)  # compiled code is loaded here
@@ -173,7 +173,12 @@ def dynamics(
             vectors = gym.make_vec(REFERENCE, used if used > 1 else 16, vectorization_mode=mode, frame_skip=skip)
             rates[mode] = _vector_rate(vectors, 2 * steps if used > 1 else steps // 4) / used
         progress(f"vector {env_id} x {count}")
-        ours = _vector_rate(gym.make_vec(env_id, count, vectorization_mode="vector_entry_point"), 20) / cores
+        ours = (
+            _vector_rate(
+                gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep"), 20
+            )
+            / cores
+        )
         best = max(rates, key=lambda mode: rates[mode])
         what = f"vector {env_id} x {count}, for each core, against the {best} vector"
         lines.append(Speed(what, ours, ours / rates[best], None))
@@ -211,7 +216,7 @@ def _vector_rate(envs: Any, steps: int) -> float:
 
 def shares(env_id: str, count: int = 1024, steps: int = 100) -> dict[str, float]:
     """Where a vector step's time goes: shares of the profiled time."""
-    envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     envs.reset(seed=0)
     rng = np.random.default_rng(0)
     profile = cProfile.Profile()
@@ -242,7 +247,7 @@ def ppo(experiment: Experiment, timesteps: int = 120_000, progress: Callable[[st
     reference = max(rates.values())
     s = experiment.train.ppo
     progress(f"PPO on {experiment.env} x {s.num_envs}")
-    envs = gym.make_vec(experiment.env, s.num_envs, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec(experiment.env, s.num_envs, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     env = VecNormalize(VecMonitor(VectorEnvAdapter(envs)), norm_obs_keys=["observation"], norm_reward=False)
     kwargs = {"net_arch": experiment.train.net_arch, "features_extractor_class": GoalErrorExtractor}
     model = PPO(

@@ -75,6 +75,13 @@ class InfoEntry(NamedTuple):
     kind: str
 
 
+def _is_empty(info: Any) -> bool:
+    """Whether there is no info: None, an empty dict, or several of them."""
+    if info is None or isinstance(info, dict):
+        return not info
+    return all(not one for one in info)
+
+
 def sees_everything(observe: str) -> bool:
     """Whether joint angles and margins are observed.
 
@@ -84,6 +91,28 @@ def sees_everything(observe: str) -> bool:
     if observe not in ("full", "tip_and_inputs"):
         raise ValueError(f"observe = {observe!r}: must be 'full' or 'tip_and_inputs'")
     return observe == "full"
+
+
+def check_backend(backend: str) -> None:
+    """Refuse what is no backend.
+
+    Raises:
+        ValueError: there is no such backend.
+    """
+    if backend not in ("quasi_static", "mujoco"):
+        raise ValueError(f"backend = {backend!r}: must be 'quasi_static' or 'mujoco'")
+
+
+def scaled_tolerance(tolerance: float | None, published: float, size: Any, published_size: Any) -> float:
+    """The given tolerance, or else that of the published design, as much larger as this design is.
+
+    Args:
+        tolerance: given [m], or None.
+        published: tolerance of the published design [m].
+        size: of this design [m].
+        published_size: of the published one [m].
+    """
+    return published * float(size / published_size) if tolerance is None else tolerance
 
 
 def tip_inputs_and_angles(
@@ -149,6 +178,7 @@ class Core(ABC):
         error_unit: in which a thousandth of it is told, "mm" or "mrad".
         hidden_names: of the entries of `info` that tell hidden parameters.
         randomization: of what differs from episode to episode.
+        randomizable: names of what may differ.
         dynamics: parameters of the dynamic simulation; None in a quasi-static one.
         engine: of the dynamic simulation; None in a quasi-static one.
     """
@@ -164,6 +194,7 @@ class Core(ABC):
     error_unit: str = "mm"
     hidden_names: tuple[str, ...]
     randomization: Randomization = Randomization()
+    randomizable: frozenset[str] = frozenset()
     dynamics: Dynamics | None = None
     engine: "Engine | None" = None
     observation_space: spaces.Dict
@@ -176,6 +207,20 @@ class Core(ABC):
     @abstractmethod
     def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
+
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """A drawn episode, a batch of one, with another target or start.
+
+        Args:
+            drawn: the episode as it was drawn.
+            target: components of shape (1,), as "desired_goal" has them; None for the drawn one.
+            configuration: at the start, likewise.
+
+        Raises:
+            ValueError: neither can be chosen in this environment, or the episode could not be solved; the message says
+                why.
+        """
+        raise ValueError("'target' and 'configuration' cannot be chosen in this environment: its goal moves on a curve")
 
     @abstractmethod
     def observation(self, state: State, episode: Episode) -> list[Component]:
@@ -220,8 +265,7 @@ class Core(ABC):
             ValueError: there is no such backend, or it has no dynamics; a parameter is unknown or out of range.
             ImportError: MuJoCo is not installed.
         """
-        if backend not in ("quasi_static", "mujoco"):
-            raise ValueError(f"backend = {backend!r}: must be 'quasi_static' or 'mujoco'")
+        check_backend(backend)
         if backend == "quasi_static":
             if dynamics is not None:
                 raise ValueError("dynamics: needs backend = 'mujoco'")
@@ -389,9 +433,12 @@ class Core(ABC):
         Returns:
             The matrices of episodes and of outcomes.
         """
-        drawn = self.draw(seed, episode)
-        layouts = self._drawn_layouts
-        matrices = [layout.pack(part, len(seed)) for layout, part in zip(layouts, drawn, strict=True)]
+        return self.begin_drawn(self.draw(seed, episode))
+
+    def begin_drawn(self, drawn: Drawn) -> tuple[np.ndarray, np.ndarray]:
+        """Begin episodes that were drawn; see `begin`."""
+        layouts, count = self._drawn_layouts, len(drawn.configuration[0])
+        matrices = [layout.pack(part, count) for layout, part in zip(layouts, drawn, strict=True)]
         episodes, outcomes = matrices[0], self._begin(*matrices)
         if self.engine is not None:
             self._begin_motion(outcomes)
@@ -498,6 +545,11 @@ class Core(ABC):
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
         """Reward of the dense or sparse form for any goals, as `step` gives it. See `ManipulatorEnv.compute_reward`."""
+        if self.task.reward_type == "sparse" and self.task.goals_decide and _is_empty(info):
+            achieved, desired, single = self._goals(achieved_goal, desired_goal)
+            error = self.error(np, tuple(achieved.T), tuple(desired.T))
+            reward = np.where(error <= self.task.tolerance, 1.0, 0.0)
+            return float(reward[0]) if single else reward
         outcomes, single = self._relabelled(achieved_goal, desired_goal, info)
         reward = outcomes[self.outcomes.rows.reward]
         return float(reward[0]) if single else reward
@@ -510,7 +562,8 @@ class Core(ABC):
 
     def _relabelled(self, achieved_goal: Any, desired_goal: Any, info: Any) -> tuple[np.ndarray, bool]:
         """The outcomes with other goals, and whether there is one only, without a batch."""
-        achieved, desired, batch, single = self._goals(achieved_goal, desired_goal, info)
+        achieved, desired, single = self._goals(achieved_goal, desired_goal)
+        batch = self._infos(info, None if single else len(achieved))
         episode = self.episode_of(batch, tuple(desired.T))
         episode = episode._replace(random=self.random_of(batch))
         n = len(achieved)
@@ -537,10 +590,8 @@ class Core(ABC):
         """The state of which `achieved` tells that."""
         return state._replace(tip=achieved)
 
-    def _goals(
-        self, achieved: Any, desired: Any, info: Any
-    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], bool]:
-        """Goals as (n, size) arrays and the infos as one dict of arrays."""
+    def _goals(self, achieved: Any, desired: Any) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Goals as (n, size) arrays, and whether there is one only, without a batch."""
         achieved, desired = np.asarray(achieved, float), np.asarray(desired, float)
         single, size = achieved.ndim == 1, self.observation_space["achieved_goal"].shape
         assert size is not None
@@ -549,23 +600,31 @@ class Core(ABC):
                 f"goals of shapes {achieved.shape} and {desired.shape}: "
                 f"both must be {size} or (n, {size[0]}), in metres"
             )
+        return np.atleast_2d(achieved), np.atleast_2d(desired), single
+
+    def _infos(self, info: Any, count: int | None) -> dict[str, np.ndarray]:
+        """The infos as one dict of arrays; a count of None stands for one without a batch."""
         keys = ["configuration", "stability_margin", "wrench_margin", "failure", "step", *self.hidden_names]
         keys += [self.input_name] if self.input_name else []
         keys += [f"random_{name}" for name in self.episodes.rows.random]
         keys += ["true_goal"] if self.randomization.is_noisy else []
-        infos = [info] if isinstance(info, dict) and single else info
+        infos = [info or {}] if isinstance(info, dict | None) and count is None else info
         if not isinstance(infos, dict):
-            if len(infos) != (1 if single else len(achieved)) or any(key not in i for i in infos for key in keys):
+            if (
+                infos is None
+                or len(infos) != (1 if count is None else count)
+                or any(key not in i for i in infos for key in keys)
+            ):
                 raise ValueError(
-                    "compute_reward needs the info of every step (the reward depends on inputs and margins, "
-                    "not on the goals alone): with Stable-Baselines3, HerReplayBuffer(copy_info_dict=True)"
+                    f"compute_reward needs the info of every step (the {self.task.reward_type} reward of this task "
+                    "depends on more than the goals): with Stable-Baselines3, HerReplayBuffer(copy_info_dict=True)"
                 )
             infos = {key: np.array([i[key] for i in infos]) for key in keys}
         elif any(key not in infos for key in keys):
             raise ValueError(
                 f"info lacks {[key for key in keys if key not in infos]}: pass the info that step returned"
             )
-        return np.atleast_2d(achieved), np.atleast_2d(desired), infos, single
+        return infos
 
     def places(self, drawn: Drawn) -> Iterable[Any]:
         """Positions [m] of the nodes of planar arms at the start of episodes, for the frame of pictures."""

@@ -7,10 +7,12 @@ import gymnasium as gym
 import numpy as np
 
 from tensegrity_envs.arms import core_of
+from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.core import Core
 from tensegrity_envs.episodes import EpisodeQueue
-from tensegrity_envs.rendering import Scene, Viewer, draw
-from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Episode, State
+from tensegrity_envs.rendering import Scene, Viewer, checked_size, draw
+from tensegrity_envs.seeding import checked_episode, checked_seed
+from tensegrity_envs.simulation.protocol import RUNNING, Episode, State, termination_reason
 
 _TRACE = 100  # tip positions kept for the picture
 _AHEAD = 16  # episodes drawn at once
@@ -26,26 +28,30 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
 
     `info` holds is_success, tip_error [m], configuration [rad], the inputs (tensions [N] or free_lengths [m]),
     stability_margin, wrench_margin, is_stable, is_wrench_feasible, effort, the hidden parameters of the episode
-    (privileged: controllers do not see info), failure (code) with termination_reason (words), step, and every weighted
-    term of the reward as reward_<name>.
+    (privileged: controllers do not see info), failure (a code; `termination_reason` puts it into words), step, and
+    every weighted term of the reward as reward_<name>.
 
     Args:
         arm: the name of the environment's core in `arms.ARMS`, such as "TwoXReach", or a `Core` class of your own.
         render_mode: None, "rgb_array" or "human".
-        render_size: width and height of the picture [pixels].
+        render_size: side of the picture, or (width, height) [pixels].
         **options: of the core.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 20}  # noqa: RUF012  (Gymnasium's convention)
 
     def __init__(
-        self, arm: str | type[Core], render_mode: str | None = None, render_size: int = 600, **options: Any
+        self,
+        arm: str | type[Core],
+        render_mode: str | None = None,
+        render_size: int | tuple[int, int] = 600,
+        **options: Any,
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode = {render_mode!r}: must be None, 'rgb_array' or 'human'")
+        self.render_size = checked_size(render_size)
         self.core = core_of(arm, options)
         self.render_mode = render_mode
-        self.render_size = render_size
         # Gymnasium types a Dict as a space of spaces, not of what it samples.
         self.observation_space = self.core.observation_space  # type: ignore[assignment]
         self.action_space = self.core.action_space
@@ -68,7 +74,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
     @property
     def episodes(self) -> Episode:
         """The same as a batch of one, for controllers (privileged)."""
-        return self.core.episodes.unpack(self._running())  # type: ignore[no-any-return]
+        return self.core.episodes.unpack(self._running().copy())  # type: ignore[no-any-return]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -77,26 +83,35 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
 
         Args:
             seed: any non-negative integer.
-            options: {"episode": k} begins the k-th episode of the seed, counted from 0.
+            options: {"episode": k} begins the k-th episode of the seed, counted from 0; {"target": (x, y)} and
+                {"configuration": q} put a target (as "desired_goal" has it) or a start of your own in the place of the
+                drawn one, where the mechanism can be there and the target can be reached.
 
         Raises:
-            ValueError: an unknown option.
+            ValueError: a number that is no non-negative integer, an unknown option, a target or configuration that is
+                not feasible; the message says why.
         """
-        super().reset(seed=seed)
+        given = dict(options or {})
+        episode = given.pop("episode", None)
+        chosen = {name: self._chosen(name, given.pop(name, None)) for name in ("target", "configuration")}
+        if given:
+            raise ValueError(f"reset options {list(given)}: there are 'episode', 'target' and 'configuration'")
+        episode = None if episode is None else checked_episode(episode)
+        super().reset(seed=None if seed is None else checked_seed(seed))
         if self._queue is None:
             self._queue = EpisodeQueue(self.core, np.array([self.np_random.integers(2**31)]), _AHEAD)
         if seed is not None:
             self._queue.restart(0, seed)
-        if options:
-            unknown = [key for key in options if key != "episode"]
-            if unknown:
-                raise ValueError(
-                    f"reset options {unknown}: the only one is 'episode', the number of the episode to begin"
-                )
-            self._queue.restart(0, episode=int(options["episode"]))
-        episode, outcome = np.empty((self.core.episodes.size, 1)), np.empty((self.core.outcomes.size, 1))
-        self._queue.begin(np.array([0]), episode, outcome)
-        self._episode, self._outcome = episode, outcome
+        if episode is not None:
+            self._queue.restart(0, episode=episode)
+        if all(value is None for value in chosen.values()):
+            column, outcome = np.empty((self.core.episodes.size, 1)), np.empty((self.core.outcomes.size, 1))
+            self._queue.begin(np.array([0]), column, outcome)
+        else:
+            drawn = self.core.placed(self.core.draw(*self._queue.peek(0)), **chosen)
+            column, outcome = self.core.begin_drawn(drawn)
+            self._queue.skip(0)
+        self._episode, self._outcome = column, outcome
         self._values = self._outcome[:, 0].tolist()
         self._steps = 0
         if self.render_mode is not None:
@@ -105,6 +120,20 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         if self.render_mode == "human":
             self.render()
         return observation, info
+
+    def _chosen(self, name: str, value: Any) -> Components | None:
+        """An option of `reset` as components of shape (1,)."""
+        if value is None:
+            return None
+        space = self.observation_space["desired_goal"].shape  # type: ignore[index]
+        size = space if name == "target" else (len(self.core.outcomes.rows.state.configuration),)
+        try:
+            array = np.array(value, float)
+        except (TypeError, ValueError):
+            array = np.zeros(0)
+        if array.shape != size or not np.isfinite(array).all():
+            raise ValueError(f"reset option {name!r} = {value!r}: must be {size[0]} finite numbers")
+        return tuple(array[:, None])
 
     def step(self, action: Any) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Advance by one step. The time limit is `gym.make`'s (TimeLimit).
@@ -115,7 +144,8 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         """
         episode, rows = self._running(), self.core.outcomes.rows
         if self._values[rows.state.failure] != RUNNING:
-            raise RuntimeError(f"the episode was terminated ({self._info()['termination_reason']}): call reset()")
+            reason = termination_reason(self._info()["failure"])
+            raise RuntimeError(f"the episode was terminated ({reason}): call reset()")
         self._outcome = self.core.step(episode, self._outcome, check_action(action, self.action_space.shape))
         self._values = self._outcome[:, 0].tolist()
         self._steps += 1
@@ -148,15 +178,43 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         values = self._values
         info: dict[str, Any] = {}
         for name, first, end, kind in self.core.info_entries:
+            # NumPy's numbers, of which clients ask the dtype; but Python's bool, which Gymnasium's vectors know
             if end is not None:
                 info[name] = np.array(values[first:end])
             elif kind == "float":
-                info[name] = values[first]
+                info[name] = np.float64(values[first])
             else:
-                info[name] = values[first] != 0 if kind == "bool" else int(values[first])
-        info["step"] = self._steps
-        info["termination_reason"] = FAILURES[info["failure"]]
+                info[name] = values[first] != 0 if kind == "bool" else np.int64(values[first])
+        info["step"] = np.int64(self._steps)
         return info
+
+    def get_state(self) -> dict[str, Any]:
+        """All that determines what follows, the coming episodes included, for `set_state` of any environment of this
+        id; a copy. `gym.make`'s time limit counts for itself: its `_elapsed_steps` is info["step"].
+
+        Raises:
+            RuntimeError: before the first reset.
+        """
+        episodes = self._running()
+        assert self._queue is not None
+        state = {"episode": episodes.copy(), "outcome": self._outcome.copy(), "steps": self._steps}
+        return {**state, **self._queue.state()}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from a state that `get_state` told.
+
+        Raises:
+            ValueError: it is the state of another environment.
+        """
+        if self._queue is None:
+            self._queue = EpisodeQueue(self.core, np.zeros(1, np.int64), _AHEAD)
+        shapes = [(self.core.episodes.size, 1), (self.core.outcomes.size, 1)]
+        if [getattr(state.get(name), "shape", None) for name in ("episode", "outcome")] != shapes:
+            raise ValueError("state: must be what get_state() of an environment of this id returned")
+        self._episode, self._outcome, self._steps = state["episode"].copy(), state["outcome"].copy(), state["steps"]
+        self._values = self._outcome[:, 0].tolist()
+        self._queue.go_on(state)
+        self._trace = [self._state.tip]
 
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
         """The reward that `step` would give for these goals, for one transition or a batch.
@@ -187,16 +245,16 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         return self.core.picture(self.episode, self._state, getattr(self, "_trace", []), self._steps)
 
     def render(self) -> Any:
-        """The picture (rgb_array: shape (render_size, render_size, 3), uint8), or the window brought up to date
+        """The picture (rgb_array: shape (height, width, 3), uint8), or the window brought up to date
         (human).
         """
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: pass render_mode='rgb_array' or 'human' to gym.make")
             return None
         if self.render_mode == "rgb_array":
-            return draw(self.scene(), (self.render_size, self.render_size))
+            return draw(self.scene(), self.render_size)
         if self._viewer is None:
-            self._viewer = Viewer((self.render_size, self.render_size))
+            self._viewer = Viewer(self.render_size)
         self._viewer.show(self.scene(), self.metadata["render_fps"])
         return None
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs.core import Core
+from tensegrity_envs.seeding import stored_seed
 
 
 class EpisodeQueue:
@@ -33,10 +34,21 @@ class EpisodeQueue:
     def restart(self, index: int, seed: int | None = None, episode: int = 0) -> None:
         """Let environment `index` go on with the given episode, of a new seed if there is one."""
         if seed is not None:
-            self._seeds[index] = seed
+            self._seeds[index] = stored_seed(seed)
         self._next[index] = episode
         self._left[index] = 0
         self._first = True  # whoever reseeds once may do so again: draw no more than is asked for
+
+    def peek(self, index: int) -> tuple[np.ndarray, np.ndarray]:
+        """Seed and number of the next episode of environment `index`, both of shape (1,)."""
+        return self._seeds[index : index + 1].copy(), (self._next - self._left)[index : index + 1]
+
+    def skip(self, index: int) -> None:
+        """Leave out the next episode of environment `index`."""
+        if self._left[index]:
+            self._left[index] -= 1
+        else:
+            self._next[index] += 1
 
     def begin(self, index: np.ndarray, episodes: np.ndarray, outcomes: np.ndarray) -> None:
         """Begin the next episode of each of the environments at `index`.
@@ -53,6 +65,16 @@ class EpisodeQueue:
         take = _compiled_take()
         take(self._episodes, place, episodes, index)
         take(self._outcomes, place, outcomes, index)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """What determines the coming episodes: the seeds, and the number of the next episode of each."""
+        return {"seeds": self._seeds.copy(), "next_episodes": self._next - self._left}
+
+    def go_on(self, state: dict[str, np.ndarray]) -> None:
+        """Go on where `state` was told."""
+        self._seeds[:], self._next[:] = state["seeds"], state["next_episodes"]
+        self._left[:] = 0
+        self._first = True
 
     def _draw(self, index: np.ndarray) -> None:
         wanted = self._ahead - self._left

@@ -15,7 +15,7 @@ class MujocoManipulatorEnv(ManipulatorEnv):
         arm: the name of the environment's core in `arms.ARMS`, or a `Core` class of your own.
         render_mode: None, "rgb_array", "depth_array" (distances from the camera [m], float32) or "human" (MuJoCo's
             viewer).
-        render_size: width and height of the picture [pixels].
+        render_size: side of the picture, or (width, height) [pixels].
         **options: of the core; among them backend="mujoco".
 
     Raises:
@@ -25,7 +25,11 @@ class MujocoManipulatorEnv(ManipulatorEnv):
     metadata = {"render_modes": ["rgb_array", "depth_array", "human"], "render_fps": 50}  # noqa: RUF012
 
     def __init__(
-        self, arm: str | type[Core], render_mode: str | None = None, render_size: int = 600, **options: Any
+        self,
+        arm: str | type[Core],
+        render_mode: str | None = None,
+        render_size: int | tuple[int, int] = 600,
+        **options: Any,
     ) -> None:
         super().__init__(arm, render_mode, render_size, **options)
         if self.core.engine is None:
@@ -33,8 +37,8 @@ class MujocoManipulatorEnv(ManipulatorEnv):
         self._pictures: Any = None
 
     def render(self) -> Any:
-        """The picture (rgb_array: shape (render_size, render_size, 3), uint8; depth_array: shape (render_size,
-        render_size), float32), or the viewer brought up to date (human).
+        """The picture (rgb_array: shape (height, width, 3), uint8; depth_array: shape (height, width), float32),
+        or the viewer brought up to date (human).
 
         Raises:
             RuntimeError: there is no GL library or no display; the message names what to install.

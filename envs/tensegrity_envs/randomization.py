@@ -1,6 +1,6 @@
 """What may differ from episode to episode, without the controllers knowing."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -65,7 +65,7 @@ class Randomization:
 
     @classmethod
     def given(
-        cls, randomization: "dict[str, Any] | Randomization | None", applicable: Collection[str], where: str
+        cls, randomization: "Mapping[str, Any] | Randomization | None", applicable: Collection[str], where: str
     ) -> "Randomization":
         """From names and ranges.
 
@@ -78,10 +78,10 @@ class Randomization:
             ValueError: a name is unknown or does not apply, or a range is wrong.
             TypeError: it is neither.
         """
-        if not isinstance(randomization, cls | dict | None):
+        if not isinstance(randomization, cls | Mapping | None):
             raise TypeError(f"randomization = {randomization!r}: must be a dict such as {{'stiffness': (0.9, 1.1)}}")
         names = {field.name for field in fields(cls)}
-        if isinstance(randomization, dict):
+        if isinstance(randomization, Mapping):
             for name in randomization:
                 if name not in names:
                     raise ValueError(f"randomization: there is no {name!r}; there are {', '.join(sorted(applicable))}")

@@ -12,7 +12,7 @@ class Entry(NamedTuple):
         id: Gymnasium id.
         summary: one line, for listings.
         arm: name of its core in `arms.ARMS`.
-        options: keyword arguments of the core.
+        options: keyword arguments of the core, as JSON has them: lists, no tuples, so that specs survive `to_json`.
         max_episode_steps: time limit.
     """
 
@@ -40,7 +40,7 @@ ENTRIES = (
         "tensegrity/TwoXPayloadReach-v0",
         "2-X manipulator, cable tension increments, unknown payload of 0 to 0.4 kg, only tip and tensions observed",
         "TwoXReach",
-        {"control": "tension", "payload_range": (0.0, 0.4), "observe": "tip_and_inputs"},
+        {"control": "tension", "payload_range": [0.0, 0.4], "observe": "tip_and_inputs"},
     ),
     Entry(
         "tensegrity/TwoXTensionReachMuJoCo-v0",
@@ -61,7 +61,7 @@ ENTRIES = (
         "three dual-triangle segments with their dynamics, control input increments, unknown tip force, only tip, tip "
         "velocity and inputs observed",
         "DualTriangleReach",
-        {"load_range": (0.0, 1.5), "observe": "tip_and_inputs", "backend": "mujoco", "observe_velocities": True},
+        {"load_range": [0.0, 1.5], "observe": "tip_and_inputs", "backend": "mujoco", "observe_velocities": True},
         150,
     ),
     Entry(
@@ -75,7 +75,7 @@ ENTRIES = (
         "three dual-triangle segments, control input increments, unknown tip force of up to 1.5 times the straight "
         "arm's critical load, only tip and inputs observed",
         "DualTriangleReach",
-        {"load_range": (0.0, 1.5), "observe": "tip_and_inputs"},
+        {"load_range": [0.0, 1.5], "observe": "tip_and_inputs"},
     ),
     Entry(
         "tensegrity/DualTrianglePush-v0",
@@ -103,7 +103,7 @@ ENTRIES = (
         "planar 4-bar tensegrity, actuator length increments, unknown force on F of up to 0.2 K L, only tip and "
         "lengths observed",
         "PlanarFourBarReach",
-        {"load_range": (0.0, 0.2), "observe": "tip_and_inputs"},
+        {"load_range": [0.0, 0.2], "observe": "tip_and_inputs"},
     ),
     Entry(
         "tensegrity/PlanarFourBarReachMuJoCo-v0",
@@ -131,7 +131,7 @@ ENTRIES = (
         "the same, with an unknown payload of 0 to 0.5 kg from some moment of the first cycle on; orientation and "
         "payload not observed",
         "SpatialPrismTrack",
-        {"payload_range": (0.0, 0.5), "observe": "tip_and_inputs"},
+        {"payload_range": [0.0, 0.5], "observe": "tip_and_inputs"},
         400,
     ),
 )

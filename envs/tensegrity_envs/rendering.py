@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,6 +36,7 @@ _TENSIONS = np.array(
 )
 _LEGENDS = {"cable": "cable tension [N]", "actuator": "axial force [N]"}  # of the colours, by kind of member
 _TRACE_LENGTH = 200  # positions
+_LARGEST = 4096  # pixels of a picture's side
 _SUPERSAMPLING = 2
 _COILS = 9  # turning points of a spring
 
@@ -162,6 +163,19 @@ def tension_colour(tension: float, bounds: tuple[float, float]) -> Colour:
     position = np.clip((tension - low) / (high - low), 0, 1) * (len(_TENSIONS) - 1) if high > low else 0.0
     red, green, blue = (round(np.interp(position, range(len(_TENSIONS)), channel)) for channel in _TENSIONS.T)
     return red, green, blue
+
+
+def checked_size(size: Any) -> tuple[int, int]:
+    """Width and height of a picture [pixels], from one number or two.
+
+    Raises:
+        ValueError: they are not whole numbers from 1 to 4096.
+    """
+    pair = tuple(size) if isinstance(size, tuple | list) else (size, size)
+    whole = all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in pair)
+    if len(pair) != 2 or not whole or not all(1 <= n <= _LARGEST for n in pair):
+        raise ValueError(f"render_size = {size!r}: must be a number of pixels from 1 to {_LARGEST}, or (width, height)")
+    return int(pair[0]), int(pair[1])
 
 
 def draw(scene: Scene, size: tuple[int, int] = (600, 600)) -> np.ndarray:

@@ -9,15 +9,51 @@ Training uses seeds below VALIDATION_SEED; tuning and the published tables use t
 """
 
 from copy import copy
+from typing import Any
 
 import numpy as np
 
 VALIDATION_SEED = 1_000_000_000
 TEST_SEED = 2_000_000_000
 
+_WORD = 2**64
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX2 = np.uint64(0x94D049BB133111EB)
+
+
+def checked_seed(seed: Any) -> int:
+    """A seed: any non-negative integer, of Python or NumPy.
+
+    Raises:
+        ValueError: it is none.
+    """
+    return _checked_whole_number(seed, "seed")
+
+
+def checked_episode(episode: Any) -> int:
+    """The number of an episode, counted from 0.
+
+    Raises:
+        ValueError: it is no non-negative integer below 2**62.
+    """
+    number = _checked_whole_number(episode, "episode")
+    if number >= 2**62:
+        raise ValueError(f"episode = {episode!r}: must be below 2**62")
+    return number
+
+
+def _checked_whole_number(number: Any, name: str) -> int:
+    if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 0:
+        raise ValueError(f"{name} = {number!r}: must be a non-negative integer")
+    return int(number)
+
+
+def stored_seed(seed: int) -> int:
+    """A seed as arrays of 64-bit integers hold it: itself below 2**63; larger ones are folded into 64 bits."""
+    if seed >= _WORD:
+        seed = int(np.random.SeedSequence(seed).generate_state(1, np.uint64)[0])
+    return seed - _WORD if seed >= _WORD // 2 else seed
 
 
 def _mix(z: np.ndarray) -> np.ndarray:

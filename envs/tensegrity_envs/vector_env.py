@@ -1,5 +1,6 @@
 """The native vector environment: a `gymnasium.vector.VectorEnv` shell over a `Core`."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -7,59 +8,88 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from tensegrity_envs.arms import core_of
-from tensegrity_envs.core import Core
+from tensegrity_envs.core import Core, InfoEntry
 from tensegrity_envs.episodes import EpisodeQueue
-from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Episode
+from tensegrity_envs.rendering import checked_size
+from tensegrity_envs.seeding import checked_episode, checked_seed
+from tensegrity_envs.simulation.protocol import RUNNING, Episode
+from tensegrity_envs.vector_rendering import Tiles
 
 _AHEAD = 4  # episodes drawn ahead for each environment
-_REASONS = np.array(FAILURES, object)
 
 
 class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
     """`num_envs` environments stepped as one batch, equal to single ones seeded seed + i, episode by episode.
 
-    SAME_STEP autoreset: the step in which an episode ends returns the first observation of the next one; the last
-    observation and info of the one that ended are in info["final_obs"] and info["final_info"], as Gymnasium's
-    SyncVectorEnv puts them.
+    What happens where an episode ends is Gymnasium's convention, by `autoreset_mode`, and equals that of a
+    `SyncVectorEnv` of the single environments in the same mode:
+
+    - "NextStep" (the default, as Gymnasium's own): the step after an episode's last one ignores the action and returns
+      the first observation of the next episode, with a reward of 0.
+    - "SameStep": the step in which an episode ends returns the first observation of the next one; the last observation
+      and info of the one that ended are in info["final_obs"] and info["final_info"] (see `step_info`).
+    - "Disabled": environments whose episode has ended must be reset with options={"reset_mask": ...}.
+
+    Nothing that is handed out is the environment's own memory.
 
     Args:
         arm: the name of the environments' core in `arms.ARMS`, such as "TwoXReach", or a `Core` class of your own.
         num_envs: number of environments.
-        max_episode_steps: truncation, None for none.
+        max_episode_steps: truncation; None or -1 for none.
+        autoreset_mode: "NextStep", "SameStep", "Disabled", or a `gymnasium.vector.AutoresetMode`. Only the strings
+            survive `spec.to_json()`.
+        render_mode: None or "rgb_array" (one picture for each environment).
+        render_size: side of a picture, or (width, height) [pixels].
         **options: of the core.
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+        TypeError: an argument is unknown; the message says which there are.
     """
 
-    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
+    metadata = {  # noqa: RUF012  (Gymnasium's convention)
+        "render_modes": ["rgb_array"],
+        "render_fps": 20,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
         arm: str | type[Core],
         num_envs: int = 1,
         max_episode_steps: int | None = 100,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        render_size: int | tuple[int, int] = 300,
         **options: Any,
     ) -> None:
-        if render_mode is not None:
+        if render_mode not in (None, "rgb_array"):
             raise ValueError(
-                f"render_mode = {render_mode!r}: "
-                "the vector environment does not render; use gym.make(id, render_mode=...)"
+                f"render_mode = {render_mode!r}: must be None or 'rgb_array'; "
+                "the single environment, gym.make(id), has others"
             )
-        if num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs}: must be at least 1")
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
+            raise ValueError(f"num_envs = {num_envs!r}: must be a whole number, at least 1")
+        self.max_episode_steps = checked_limit(max_episode_steps)
+        self.autoreset_mode = checked_mode(autoreset_mode)
+        size = checked_size(render_size)
+        self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.core = core_of(arm, options)
-        self.num_envs = num_envs
-        self.max_episode_steps = max_episode_steps
-        self.render_mode = None
+        self.num_envs = int(num_envs)
+        self.render_mode = render_mode
         self.single_observation_space = self.core.observation_space
         self.single_action_space = self.core.action_space
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._tiles = Tiles(self.core, self.num_envs, size) if render_mode else None
         self._queue: EpisodeQueue | None = None
-        self._steps = np.zeros(num_envs, np.int64)
-        self._all = np.ones(num_envs, bool)
+        self._steps = np.zeros(self.num_envs, np.int64)  # since the episodes began
+        self._ahead_of_time = np.zeros(self.num_envs, np.int64)  # by which staggered time limits come earlier
+        self._is_staggered = False
+        self._ended = np.zeros(self.num_envs, bool)  # in the last step, and not begun anew yet
         self._episodes: np.ndarray | None = None  # one column for each environment
-        self._states: np.ndarray
-        self._masks: dict[str, np.ndarray] = {}
+        self._outcomes: np.ndarray  # of the last step, likewise
+        self._told: tuple[np.ndarray, list[InfoEntry]] | None = None
 
     @property
     def design(self) -> Any:
@@ -69,92 +99,124 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
     @property
     def episode(self) -> Episode:
         """The present episodes, with their hidden parameters of shape (num_envs,) (privileged)."""
-        return self.core.episodes.unpack(self._running())  # type: ignore[no-any-return]
+        return self.core.episodes.unpack(self._running().copy())  # type: ignore[no-any-return]
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Begin new episodes in all environments, or in those of options["reset_mask"].
 
+        The info tells of the environments that begin an episode; its masks say which.
+
         Args:
-            seed: environment i gets seed + i; or a list of one seed (or None) for each.
-            options: {"reset_mask": boolean array of shape (num_envs,)}; {"stagger": True} spreads the time limits of
-                these first episodes evenly, so that a learner never sees all environments in the same phase of an
-                episode.
+            seed: environment i gets seed + i; or a list of one seed (or None) for each. Any non-negative integers.
+            options: {"reset_mask": boolean array of shape (num_envs,)}; {"episode": k} or {"episode": [k, ...]} begins
+                the k-th episode of each seed, counted from 0; {"stagger": True} spreads the time limits of these first
+                episodes evenly, so that a learner never sees all environments in the same phase of an episode (info
+                then tells each episode's "time_limit").
 
         Raises:
-            ValueError: a seed list or mask of the wrong length, an unknown option.
+            ValueError: a seed list or mask of the wrong length, a number that is no whole one, an unknown option.
         """
         given = dict(options or {})
         stagger = bool(given.pop("stagger", False))
-        mask = np.asarray(given.pop("reset_mask", self._all))
+        mask = np.array(given.pop("reset_mask", np.ones(self.num_envs, bool)))
+        episode = given.pop("episode", None)
         if given:
-            raise ValueError(f"reset options {list(given)}: there are 'reset_mask' and 'stagger'")
+            raise ValueError(f"reset options {list(given)}: there are 'reset_mask', 'episode' and 'stagger'")
         if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
             raise ValueError(f"reset_mask: must be a boolean array of shape ({self.num_envs},) with at least one True")
-        seeds = self._given_seeds(seed)
         if self._episodes is None and not mask.all():
             raise ValueError("reset_mask: the first reset must begin all environments")
+        seeds = self._for_each(seed, "seeds", checked_seed, 1)
+        episodes = self._for_each(episode, "episodes", checked_episode, 0)
+        if isinstance(seed, int | np.integer):
+            super().reset(seed=int(seed))
         if self._queue is None:
             self._queue = EpisodeQueue(self.core, self.np_random.integers(2**31, size=self.num_envs), _AHEAD)
         for i in np.flatnonzero(mask):
-            if seeds[i] is not None:
-                self._queue.restart(int(i), seeds[i])
-        whole = self._episodes is None or mask.all()
-        running = None if whole else self.core.tell(self._running(), self._states)
-        outcomes = self._begin(np.flatnonzero(mask), running)
+            if seeds[i] is not None or episodes[i] is not None:
+                self._queue.restart(int(i), seeds[i], episodes[i] or 0)
+        self._begin(np.flatnonzero(mask))
+        self._ended[mask] = False
         if stagger and self.max_episode_steps is not None:
-            self._steps[mask] = (np.arange(self.num_envs) * self.max_episode_steps // self.num_envs)[mask]
-        return self._observation(outcomes), self._info(outcomes)
+            self._is_staggered = True
+            self._ahead_of_time[mask] = (np.arange(self.num_envs) * self.max_episode_steps // self.num_envs)[mask]
+        if self._tiles is not None:
+            self._tiles.follow(self._outcomes, mask)
+        return self._observation(self._outcomes), self._info(self._outcomes, None if mask.all() else mask)
 
-    def _given_seeds(self, seed: int | list[int | None] | None) -> list[int | None]:
-        if seed is None:
+    def _for_each(self, given: Any, what: str, check: Callable[[Any], int], later: int) -> list[int | None]:
+        """The checked numbers of all environments, from one number, a list of numbers or None.
+
+        One number is the first environment's; that of each next one is so much larger.
+        """
+        if given is None:
             return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            super().reset(seed=int(seed))
-            return [int(seed) + i for i in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ValueError(f"{len(seed)} seeds for {self.num_envs} environments")
-        return list(seed)
+        if not isinstance(given, list | tuple | np.ndarray):
+            return [check(given) + i * later for i in range(self.num_envs)]
+        if len(given) != self.num_envs:
+            raise ValueError(f"{len(given)} {what} for {self.num_envs} environments")
+        return [None if number is None else check(number) for number in given]
 
     def step(self, actions: Any) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Advance all environments by one step; those whose episode ends begin their next one.
+        """Advance all environments by one step; see the class for what happens where an episode ends.
 
         Raises:
             ValueError: the actions are not a finite array of shape (num_envs, action size).
-            RuntimeError: before the first reset.
+            RuntimeError: before the first reset; autoreset is disabled, and an episode that has ended was not reset.
         """
-        episodes = self._running()
+        episodes, renewed = self._running(), np.flatnonzero(self._ended)
+        if len(renewed) and self.autoreset_mode is AutoresetMode.DISABLED:
+            raise RuntimeError(
+                f"the episodes of environments {renewed.tolist()} have ended, and autoreset is disabled: "
+                'call reset(options={"reset_mask": terminated | truncated}) first'
+            )
+        columns = self._checked_actions(actions, renewed)
+        if len(renewed):  # their action is ignored; stepping them along and putting them back keeps it one batch
+            self._begin(renewed)
+            first = self._outcomes[:, renewed]
+            columns[:, renewed] = 0.0
+        outcomes = self.core.step(episodes, self._outcomes, columns)
+        self._steps += 1
+        if len(renewed):
+            outcomes[:, renewed] = first
+            self._steps[renewed] = 0
+        self._outcomes = outcomes
+        rows = self.core.outcomes.rows
+        reward = outcomes[rows.reward].copy()
+        reward[renewed] = 0.0
+        terminated = outcomes[rows.state.failure] != RUNNING
+        truncated = np.zeros(self.num_envs, bool)
+        if self.max_episode_steps is not None:
+            truncated = self._steps + self._ahead_of_time >= self.max_episode_steps
+            truncated[renewed] = False
+        self._ended = terminated | truncated
+        if self._tiles is not None:
+            self._tiles.follow(outcomes, np.isin(np.arange(self.num_envs), renewed))
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
+            observation, info = self._same_step()
+        else:
+            observation, info = self._observation(outcomes), self._info(outcomes)
+        return observation, reward, terminated, truncated, info
+
+    def _checked_actions(self, actions: Any, ignored: np.ndarray) -> np.ndarray:
+        """The actions as columns, clipped to [-1, 1]."""
         array = np.array(actions, float)
         if array.shape != self.action_space.shape:
             raise ValueError(
                 f"actions of shape {array.shape}: must be {self.action_space.shape}, increments in [-1, 1]"
             )
-        if not np.isfinite(array).all():
-            raise ValueError(
-                f"actions: environment {int(np.argmin(np.isfinite(array).all(axis=1)))} got one that is not finite"
-            )
+        fine = np.isfinite(array).all(axis=1)
+        fine[ignored] = True
+        if not fine.all():
+            raise ValueError(f"actions: environment {int(np.argmin(fine))} got one that is not finite")
         np.clip(array, -1.0, 1.0, out=array)
-        outcomes = self.core.step(episodes, self._states, np.ascontiguousarray(array.T))
-        self._steps += 1
-        rows = self.core.outcomes.rows
-        terminated = outcomes[rows.state.failure] != RUNNING
-        truncated = np.zeros(self.num_envs, bool)
-        if self.max_episode_steps is not None:
-            truncated = self._steps >= self.max_episode_steps
-        ended = terminated | truncated
-        info = self._info(outcomes)
-        if ended.any():
-            observation, info = self._autoreset(outcomes, info, ended)
-        else:
-            observation = self._observation(outcomes)
-            self._states = outcomes[: self.core.states.size].copy()  # info holds views, which their owner may change
-        return observation, outcomes[rows.reward], terminated, truncated, info
+        return np.ascontiguousarray(array.T)
 
-    def _autoreset(
-        self, outcomes: np.ndarray, last_info: dict[str, Any], ended: np.ndarray
-    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    def _same_step(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Begin the next episodes; what was last seen of those that ended moves into final_obs and final_info."""
+        ended, outcomes = self._ended, self._outcomes
         index = np.flatnonzero(ended)
         final = np.full(self.num_envs, None, object)
         last = self._observation(outcomes, index)
@@ -163,34 +225,33 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             for o, a, d in zip(last["observation"], last["achieved_goal"], last["desired_goal"], strict=True)
         ]
         final[index] = np.fromiter(each, object, len(each))
-        new = self._begin(index, outcomes)
-        info = self._info(new)
+        final_info = self._info(outcomes, ended)
+        self._begin(index)
+        self._ended = np.zeros(self.num_envs, bool)
+        if self._tiles is not None:
+            self._tiles.follow(self._outcomes, ended)
+        info = self._info(self._outcomes)
         info["final_obs"], info["_final_obs"] = final, ended
-        info["final_info"] = last_info | dict.fromkeys(self._masks, ended)
-        info["_final_info"] = ended
-        return self._observation(new), info
+        info["final_info"], info["_final_info"] = final_info, ended.copy()
+        return self._observation(self._outcomes), info
 
     def _running(self) -> np.ndarray:
         if self._episodes is None:
             raise RuntimeError("call reset() before the first step")
         return self._episodes
 
-    def _begin(self, index: np.ndarray, outcomes: np.ndarray | None) -> np.ndarray:
-        """Begin the next episode in the environments at `index`; returns the outcomes with theirs replaced.
-
-        Without outcomes: in all environments.
-        """
+    def _begin(self, index: np.ndarray) -> None:
+        """Begin the next episode in the environments at `index`."""
         assert self._queue is not None
-        if self._episodes is None or outcomes is None:
+        if self._episodes is None:
             episodes = np.empty((self.core.episodes.size, self.num_envs))
-            new = np.empty((self.core.outcomes.size, self.num_envs))
+            outcomes = np.empty((self.core.outcomes.size, self.num_envs))
         else:
-            episodes, new = self._episodes, outcomes.copy()
-        self._queue.begin(index, episodes, new)
-        self._episodes = episodes
+            episodes, outcomes = self._episodes, self._outcomes
+        self._queue.begin(index, episodes, outcomes)  # which changes nothing where drawing fails
+        self._episodes, self._outcomes = episodes, outcomes
         self._steps[index] = 0
-        self._states = new[: self.core.states.size].copy()
-        return new
+        self._ahead_of_time[index] = 0
 
     def _observation(self, outcomes: np.ndarray, index: Any = slice(None)) -> dict[str, np.ndarray]:
         """Of all environments, or of those at `index`."""
@@ -203,24 +264,79 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             "desired_goal": seen[:, end:],
         }
 
-    def _info(self, outcomes: np.ndarray) -> dict[str, Any]:
-        """The info of some outcomes: views of their rows."""
+    def _info(self, outcomes: np.ndarray, mask: np.ndarray | None = None) -> dict[str, Any]:
+        """The info of some outcomes, of all environments or of those in the mask; zero for all others."""
+        if self._told is None:
+            self._told = _gathered(self.core.info_entries)
+        rows, entries = self._told
+        told, steps = outcomes[rows], self._steps.copy()
+        if mask is not None:
+            told[:, ~mask], steps[~mask] = 0.0, 0
         info: dict[str, Any] = {}
-        for name, first, end, kind in self.core.info_entries:
+        for name, first, end, kind in entries:
             if end is not None:
-                info[name] = outcomes[first:end].T
+                info[name] = told[first:end].T
             elif kind == "float":
-                info[name] = outcomes[first]
+                info[name] = told[first]
             else:
-                info[name] = outcomes[first] != 0 if kind == "bool" else outcomes[first].astype(np.int64)
-        info["step"] = self._steps.copy()
-        info["termination_reason"] = _REASONS[info["failure"]]
-        if not self._masks:
-            self._masks = {f"_{key}": self._all for key in info}
-        return info | self._masks
+                info[name] = told[first] != 0 if kind == "bool" else told[first].astype(np.int64)
+        info["step"] = steps
+        if self._is_staggered:
+            assert self.max_episode_steps is not None
+            info["time_limit"] = self.max_episode_steps - self._ahead_of_time
+        masks = np.ones((len(info), self.num_envs), bool)  # each user's own, to write into
+        if mask is not None:
+            masks[:] = mask
+        info.update(zip([f"_{name}" for name in info], masks, strict=True))
+        return info
+
+    def get_state(self) -> dict[str, Any]:
+        """All that determines what follows, the coming episodes included, for `set_state` of any vector of this id and
+        size; a copy.
+
+        Raises:
+            RuntimeError: before the first reset.
+        """
+        episodes = self._running()
+        assert self._queue is not None
+        return {
+            "episodes": episodes.copy(),
+            "outcomes": self._outcomes.copy(),
+            "steps": self._steps.copy(),
+            "ahead_of_time": self._ahead_of_time.copy(),
+            "is_staggered": self._is_staggered,
+            "ended": self._ended.copy(),
+            **self._queue.state(),
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from a state that `get_state` told.
+
+        Raises:
+            ValueError: it is the state of another environment, or of another number of them.
+        """
+        if self._queue is None:
+            self._queue = EpisodeQueue(self.core, np.zeros(self.num_envs, np.int64), _AHEAD)
+        shapes = [(self.core.episodes.size, self.num_envs), (self.core.outcomes.size, self.num_envs)]
+        if [getattr(state.get(name), "shape", None) for name in ("episodes", "outcomes")] != shapes:
+            raise ValueError(f"state: must be what get_state() of {self.num_envs} environments of this id returned")
+        self._episodes, self._outcomes = state["episodes"].copy(), state["outcomes"].copy()
+        self._steps, self._ahead_of_time = state["steps"].copy(), state["ahead_of_time"].copy()
+        self._is_staggered, self._ended = state["is_staggered"], state["ended"].copy()
+        self._queue.go_on(state)
+        if self._tiles is not None:
+            self._tiles.follow(self._outcomes, np.ones(self.num_envs, bool))
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """One picture for each environment, as Gymnasium's vectors give them: arrays (height, width, 3), uint8."""
+        if self._tiles is None:
+            return None
+        return self._tiles.draw(self._running(), self._outcomes, self._steps)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the threads of a dynamic simulation."""
+        """End the threads of a dynamic simulation, free what draws."""
+        if self._tiles is not None:
+            self._tiles.close()
         if self.core.engine is not None:
             self.core.engine.model.close()
 
@@ -236,4 +352,64 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         """Whether that step reached the time limit; `info` is the dict of arrays that `step` returns."""
         if self.max_episode_steps is None:
             return np.zeros(len(achieved_goal), bool)
-        return np.asarray(info["step"]) >= self.max_episode_steps
+        return np.asarray(info["step"]) >= info.get("time_limit", self.max_episode_steps)
+
+
+def step_info(info: dict[str, Any]) -> dict[str, Any]:
+    """The info of the step itself, whatever the autoreset mode: where episodes ended in it, what final_info tells.
+
+    In the mode SAME_STEP, the vector environments' `info` tells of the next episode where one has ended.
+
+    Args:
+        info: that `step` of a vector environment returned.
+
+    Returns:
+        The entries as arrays of shape (num_envs, ...), without masks.
+    """
+    told = {name: value for name, value in info.items() if not name.startswith(("_", "final_"))}
+    if "final_info" not in info:
+        return told
+    ended = info["_final_info"]
+    last = info["final_info"]
+    return {
+        name: np.where(ended.reshape(-1, *[1] * (np.ndim(value) - 1)), last[name], value)
+        for name, value in told.items()
+    }
+
+
+def checked_limit(max_episode_steps: int | None) -> int | None:
+    """A time limit; None for none, which Gymnasium writes as -1, too.
+
+    Raises:
+        ValueError: it is no positive whole number.
+    """
+    if max_episode_steps is None or max_episode_steps == -1:
+        return None
+    is_whole = isinstance(max_episode_steps, int | np.integer) and not isinstance(max_episode_steps, bool)
+    if not is_whole or max_episode_steps < 1:
+        raise ValueError(f"max_episode_steps = {max_episode_steps!r}: must be a positive whole number, or -1 for none")
+    return int(max_episode_steps)
+
+
+def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
+    """An autoreset mode, given as Gymnasium's or by its name.
+
+    Raises:
+        ValueError: there is no such mode.
+    """
+    for known in AutoresetMode:
+        if mode in (known, known.value, known.name):
+            return known
+    names = ", ".join(repr(known.value) for known in AutoresetMode)
+    raise ValueError(f"autoreset_mode = {mode!r}: must be one of {names}, or a gymnasium.vector.AutoresetMode")
+
+
+def _gathered(entries: list[InfoEntry]) -> tuple[np.ndarray, list[InfoEntry]]:
+    """The rows of outcomes that `info` tells, and its entries as they stand in a matrix of these rows alone."""
+    rows: list[int] = []
+    moved = []
+    for name, first, end, kind in entries:
+        place = len(rows)
+        rows.extend(range(first, first + 1 if end is None else end))
+        moved.append(InfoEntry(name, place, None if end is None else len(rows), kind))
+    return np.array(rows), moved

@@ -33,7 +33,7 @@ NO_STRAIGHT_WAY = VALIDATION_SEED + 362
 
 
 def begun(env_id, n, seed=VALIDATION_SEED):
-    envs = gym.make_vec(env_id, n, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec(env_id, n, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     observation, info = envs.reset(seed=seed)
     return envs, observation, info, read(observation, envs.unwrapped.core)
 

@@ -79,7 +79,7 @@ def core_observation(core, q, inputs, velocity):
 
 def test_controllers_plan_anew_when_an_episode_begins():
     env_id = IDS[1]
-    envs = gym.make_vec(env_id, 4, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec(env_id, 4, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     for kind, base in ((Ramp, "closed_form_squares"), (Feedback, "pseudo_inverse")):
         controller = kind(envs.unwrapped.core, BASELINES["DualTriangleReach"][base])
         observation, _ = envs.reset(seed=0)

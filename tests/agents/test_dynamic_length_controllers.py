@@ -39,7 +39,13 @@ def test_the_prism_stays_on_its_curve(name):
 def test_damping_halves_the_error_after_the_start_of_the_prism():
     errors = {}
     for name in ("closed_form_ik", "closed_form_damped"):
-        envs = gym.make_vec(PRISM, 20, vectorization_mode="vector_entry_point", dynamics={"joint_damping": 0.005})
+        envs = gym.make_vec(
+            PRISM,
+            20,
+            vectorization_mode="vector_entry_point",
+            autoreset_mode="SameStep",
+            dynamics={"joint_damping": 0.005},
+        )
         controller = DYNAMIC["SpatialPrismTrack"][name](envs.unwrapped.core)
         observation, _ = envs.reset(seed=1)
         controller.begin_episodes(np.ones(20, bool), envs.unwrapped.design)
@@ -89,7 +95,7 @@ def test_the_linear_model_predicts_a_step_of_the_simulation(env_id):
 
 def test_zero_vibration_shaping_leaves_nothing_of_a_mode():
     """The shaped plan's residual at the modes where it ends, against that of the plan itself."""
-    envs = gym.make_vec(FOUR_BAR, 8, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec(FOUR_BAR, 8, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     core = envs.unwrapped.core
     observation, _ = envs.reset(seed=0)
     residual = {}
@@ -108,7 +114,7 @@ def test_zero_vibration_shaping_leaves_nothing_of_a_mode():
 
 def test_controllers_plan_anew_when_an_episode_begins():
     for env_id in (FOUR_BAR, PRISM):
-        envs = gym.make_vec(env_id, 4, vectorization_mode="vector_entry_point")
+        envs = gym.make_vec(env_id, 4, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
         core = envs.unwrapped.core
         for name in ("closed_form_damped", "pseudo_inverse"):
             controller = DYNAMIC[gym.spec(env_id).kwargs["arm"]][name](core)

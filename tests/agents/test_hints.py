@@ -19,7 +19,7 @@ ARM = PlanarFourBar()
 
 
 def make_vec(env_id, count):
-    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point")
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
 
 
 def told(env_id, count):

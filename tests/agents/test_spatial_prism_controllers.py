@@ -17,7 +17,7 @@ TRACK, PAYLOAD = (f"tensegrity/SpatialPrism{name}-v0" for name in ("Track", "Pay
 
 @pytest.mark.parametrize("env_id", [TRACK, PAYLOAD])
 def test_a_reading_undoes_the_normalization(env_id):
-    envs = gym.make_vec(env_id, 20, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec(env_id, 20, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     envs.reset(seed=0)
     for _ in range(40):
         observation, *_, info = envs.step(np.full((20, 3), 0.05))

@@ -50,8 +50,10 @@ def test_adapter_hands_on_what_ppo_needs():
     """Terminal observations, time limits apart from failures, episode statistics; equal to the vector environment
     below.
     """
-    envs = VecMonitor(VectorEnvAdapter(gym.make_vec(REACH, 16, vectorization_mode="vector_entry_point")))
-    twin = gym.make_vec(REACH, 16, vectorization_mode="vector_entry_point")
+    envs = VecMonitor(
+        VectorEnvAdapter(gym.make_vec(REACH, 16, vectorization_mode="vector_entry_point", autoreset_mode="SameStep"))
+    )
+    twin = gym.make_vec(REACH, 16, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     envs.seed(5)
     observation = envs.reset()
     expected, _ = twin.reset(seed=5)
@@ -81,7 +83,7 @@ def test_adapter_hands_on_what_ppo_needs():
 def test_a_policy_survives_its_file(trained):
     policy, folder = trained
     loaded = load_policy(folder, REACH)
-    envs = gym.make_vec(REACH, 32, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec(REACH, 32, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     observation, _ = envs.reset(seed=0)
     np.testing.assert_array_equal(policy.predict(observation)[0], loaded.predict(observation)[0])
     assert loaded.description["seed"] == 3
@@ -237,7 +239,9 @@ def test_the_observer_finds_the_payload():
     from tensegrity_agents.controllers.two_x.reading import estimate_payload, read
     from tensegrity_envs.mechanics import TwoX
 
-    envs = gym.make_vec("tensegrity/TwoXPayloadReach-v0", 200, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec(
+        "tensegrity/TwoXPayloadReach-v0", 200, vectorization_mode="vector_entry_point", autoreset_mode="SameStep"
+    )
     observation, info = envs.reset(seed=0)
     estimate = estimate_payload(TwoX(envs.unwrapped.design), read(observation, envs.unwrapped.design, False))
     right = np.abs(estimate.payload - info["payload"]) < 1e-3

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import tensegrity_envs
+from tensegrity_envs import termination_reason
 from tensegrity_envs.simulation import FAILURES
+from tensegrity_envs.vector_env import step_info
 
 pytest.importorskip("mujoco")
 IDS = [env_id for env_id in tensegrity_envs.ENV_IDS if "MuJoCo" in env_id]
@@ -19,7 +21,7 @@ every_id = pytest.mark.parametrize("env_id", IDS)
 
 
 def make_vec(env_id, count, **options):
-    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", **options)
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **options)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +74,7 @@ def test_bang_bang_actions_neither_flip_nor_break_the_simulation(env_id):
         observation, reward, _, _, info = envs.step(rng.choice([-1.0, 1.0], envs.action_space.shape))
         assert all(np.isfinite(part).all() for part in observation.values())
         assert np.isfinite(reward).all()
-        reasons = set(info.get("final_info", info)["termination_reason"])
+        reasons = set(termination_reason(step_info(info)["failure"]))
         assert reasons <= {"", *ENDS.get(gym.spec(env_id).kwargs["arm"], ("joint limit",))}
 
 
@@ -88,7 +90,7 @@ def test_a_simulation_that_diverges_is_a_failure_with_that_reason():
             assert all(np.isfinite(part).all() for part in observation.values())
             if terminated:
                 assert reward == 0
-                found.add(info["termination_reason"])
+                found.add(termination_reason(info["failure"]))
                 break
     assert "simulation diverged" in found, found
 

@@ -21,7 +21,7 @@ def make(env_id, **options):
 def make_vec(env_id, count, **options):
     if "MuJoCo" in env_id:
         pytest.importorskip("mujoco")
-    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", **options)
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **options)
 
 
 def actions_of(env, steps, seed=0, scale=1.0):

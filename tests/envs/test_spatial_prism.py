@@ -15,7 +15,7 @@ CYCLE, RATE = 200, 0.015
 
 
 def make_vec(env_id, count, **options):
-    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", **options)
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **options)
 
 
 def imbalance(info, load):

@@ -11,8 +11,10 @@ import numpy as np
 from scipy.linalg import eigh
 
 import tensegrity_envs
+from tensegrity_envs import termination_reason
 from tensegrity_envs.mechanics import MURALIDHARAN2022, ZHAO2021_CAPTION, ZHAO2021_TEXT, DualTriangle, TwoX
 from tensegrity_envs.simulation.mujoco import Dynamics, MujocoModel
+from tensegrity_envs.vector_env import step_info
 
 MECHANISMS = {
     "two-x": TwoX(replace(MURALIDHARAN2022, joint_limit=2.6)),
@@ -146,7 +148,7 @@ def stress_environment(env_id, steps, count=500, seed=0):
         Numbers of episodes by why they were terminated ("" at the time limit), numbers of observations or rewards that
         are not finite, largest assembly error [-] of states without failure.
     """
-    envs = gymnasium.make_vec(env_id, count, vectorization_mode="vector_entry_point")
+    envs = gymnasium.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     core = envs.unwrapped.core
     physics = list(core.states.rows.physics)
     rng = np.random.default_rng(seed)
@@ -159,9 +161,9 @@ def stress_environment(env_id, steps, count=500, seed=0):
         observation, reward, terminated, truncated, info = envs.step(actions)
         bad += sum(int((~np.isfinite(part)).any(axis=1).sum()) for part in observation.values())
         bad += int((~np.isfinite(reward)).sum())
-        last = info.get("final_info", info)
-        ends.update(str(reason) for reason in last["termination_reason"][terminated | truncated])
-        worst = max(worst, float(core.engine.model.assembly_error(envs.unwrapped._states[physics].T).max()))
+        last = step_info(info)
+        ends.update(str(reason) for reason in termination_reason(last["failure"])[terminated | truncated])
+        worst = max(worst, float(core.engine.model.assembly_error(envs.unwrapped._outcomes[physics].T).max()))
     envs.close()
     return ends, bad, worst
 

@@ -7,8 +7,9 @@ from typing import Any, Protocol
 import gymnasium as gym
 import numpy as np
 
-import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.evaluation.results import Run
+from tensegrity_envs import termination_reason
+from tensegrity_envs.vector_env import step_info
 
 
 class Controller(Protocol):
@@ -59,7 +60,9 @@ def evaluate(
     limit = gym.spec(env_id).max_episode_steps or 100
     for first in range(0, episodes, batch):
         count = min(batch, episodes - first)
-        envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", **(env_options or {}))
+        envs = gym.make_vec(
+            env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **(env_options or {})
+        )
         core: Any = envs.unwrapped.core  # type: ignore[attr-defined]
         record = _Record(count, limit, core.error_name)
         observation, info = envs.reset(seed=first_seed + first)
@@ -79,7 +82,7 @@ def evaluate(
             actions_given += count
             observation, reward, terminated, truncated, info = envs.step(actions)
             start = terminated | truncated
-            record.add(_last_info(info, start), reward, alive)
+            record.add(step_info(info), reward, alive)
             alive &= ~start
             if progress is not None:
                 progress(first * limit + (step + 1) * count, episodes * limit)
@@ -92,18 +95,6 @@ def evaluate(
     per_action = 1e6 * seconds / max(actions_given, 1)
     seeds = first_seed + np.arange(episodes)
     return Run(name, kind, columns, seeds, reasons, per_action, error_unit=core.error_unit)
-
-
-def _last_info(info: dict[str, Any], ended: np.ndarray) -> dict[str, Any]:
-    """Info of the step itself: of the episode that ended where one did."""
-    if not ended.any():
-        return info
-    last = info["final_info"]
-    return {
-        key: np.where(ended.reshape(-1, *[1] * (np.ndim(last[key]) - 1)), last[key], info[key])
-        for key in last
-        if not key.startswith("_")
-    }
 
 
 class _Record:
@@ -142,7 +133,7 @@ class _Record:
         self.infeasible += alive & ~info["is_wrench_feasible"].astype(bool)
         self.effort += np.where(alive, info["effort"], 0.0)
         for i in np.flatnonzero(alive & (info["failure"] != 0)):
-            self.reasons[i] = str(info["termination_reason"][i])
+            self.reasons[i] = termination_reason(info["failure"][i])
 
     def columns(self) -> dict[str, np.ndarray]:
         """The columns of the table."""

@@ -15,6 +15,7 @@ from tensegrity_agents.reporting.report import collect_metadata, write_report
 from tensegrity_envs.mechanics import PlanarFourBarDesign, TwoXDesign
 from tensegrity_envs.seeding import TEST_SEED
 from tensegrity_envs.tasks import Hold, Track
+from tensegrity_envs.vector_env import step_info
 
 _PATHS = 12  # episodes whose joint paths are drawn
 _WORKSPACE_EPISODES = 300
@@ -29,7 +30,7 @@ def write_comparison(
         The path of report.html, and the rows of the table.
     """
     runs = comparison.runs
-    envs = gym.make_vec(experiment.env, 1, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec(experiment.env, 1, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     core: Any = envs.unwrapped.core  # type: ignore[attr-defined]
     rows = table.summary_rows(runs, float(core.reach))
     (folder / "summary.md").write_text(table.to_markdown(rows) + "\n\n" + table.verdict(rows) + "\n")
@@ -112,7 +113,7 @@ def write_comparison(
 
 def _tracking_errors(controller: Any, experiment: Experiment, count: int = 300) -> np.ndarray:
     """Distance from the moving goal [m] after every step of the first test episodes, (steps, n); NaN once failed."""
-    envs = gym.make_vec(experiment.env, count, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec(experiment.env, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     observation, _ = envs.reset(seed=TEST_SEED)
     base: Any = envs.unwrapped
     if (begin := getattr(controller, "begin_episodes", None)) is not None:
@@ -124,7 +125,7 @@ def _tracking_errors(controller: Any, experiment: Experiment, count: int = 300) 
         observation, _, terminated, truncated, info = envs.step(actions)
         begun = terminated | truncated
         alive = alive & ~terminated
-        errors.append(np.where(alive, info.get("final_info", info)["tip_error"], np.nan))
+        errors.append(np.where(alive, step_info(info)["tip_error"], np.nan))
         alive = alive & ~truncated
     return np.stack(errors)
 
@@ -149,7 +150,7 @@ def _tips(core: Any, count: int = 40_000) -> np.ndarray:
 
 def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np.ndarray], figures.Endings]:
     """Joint paths and tip positions of the first test episodes."""
-    envs = gym.make_vec(experiment.env, count, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec(experiment.env, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     observation, info = envs.reset(seed=TEST_SEED)
     begin = getattr(controller, "begin_episodes", None)
     base: Any = envs.unwrapped
@@ -169,14 +170,10 @@ def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np
         actions, state = controller.predict(observation, state=state, episode_start=begun, deterministic=True)
         observation, _, terminated, truncated, info = envs.step(actions)
         begun = terminated | truncated
-        last = info.get("final_info", info)
-        q, tip, hit = info["configuration"].copy(), observation["achieved_goal"].copy(), info["is_success"].copy()
+        last, tip = step_info(info), observation["achieved_goal"].copy()
+        q, hit = last["configuration"], last["is_success"]
         for i in np.flatnonzero(begun):
-            q[i], tip[i], hit[i] = (
-                last["configuration"][i],
-                info["final_obs"][i]["achieved_goal"],
-                last["is_success"][i],
-            )
+            tip[i] = info["final_obs"][i]["achieved_goal"]
         joints.append(q)
         tips.append(tip)
         length[alive] += 1

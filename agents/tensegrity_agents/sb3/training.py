@@ -149,10 +149,7 @@ def read_curve(path: Path) -> dict[str, np.ndarray]:
 def _environment(experiment: Experiment) -> VecNormalize:
     settings = experiment.train
     if settings.algorithm == "ppo":
-        envs = gym.make_vec(
-            experiment.env, settings.ppo.num_envs, vectorization_mode="vector_entry_point", **settings.env_options
-        )
-        inner: Any = VectorEnvAdapter(envs, stagger=True)
+        inner: Any = VectorEnvAdapter.make(experiment.env, settings.ppo.num_envs, stagger=True, **settings.env_options)
     else:
         inner = DummyVecEnv([lambda: gym.make(experiment.env, **settings.env_options)])
     if settings.model_hints:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv
@@ -13,28 +14,54 @@ class VectorEnvAdapter(VecEnv):
 
     The last observation of an episode is in info["terminal_observation"], and info["TimeLimit.truncated"] says that it
     ended by the time limit alone, so that SB3 bootstraps from its value. Other entries of `info` are handed on only in
-    the step in which an episode ends: a list of full dicts for every step would cost more than the physics.
+    the step in which an episode ends: a list of full dicts for every step would cost more than the physics. Hindsight
+    replay asks for them at every step: `full_info=True`, with `HerReplayBuffer(copy_info_dict=True)`.
 
     Args:
         envs: the vector environment.
         stagger: spread the time limits of the first episodes evenly (see the environment's `reset`).
+        full_info: hand on `info` at every step.
 
     Raises:
         ValueError: the environment does not reset in the same step.
     """
 
-    def __init__(self, envs: VectorEnv[Any, Any, Any], stagger: bool = False) -> None:
-        if envs.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
-            raise ValueError(f"{envs}: must have metadata['autoreset_mode'] = AutoresetMode.SAME_STEP")
+    def __init__(self, envs: VectorEnv[Any, Any, Any], stagger: bool = False, full_info: bool = False) -> None:
+        mode = envs.metadata.get("autoreset_mode")
+        if mode not in (AutoresetMode.SAME_STEP, AutoresetMode.SAME_STEP.value):
+            raise ValueError(
+                f"{envs}: resets in mode {getattr(mode, 'value', mode)!r}, and Stable-Baselines3 needs SAME_STEP: "
+                'make it with autoreset_mode="SameStep", or by VectorEnvAdapter.make(id, num_envs)'
+            )
         self.envs = envs
-        self._stagger = stagger
+        self._stagger, self._full_info = stagger, full_info
         self._actions: np.ndarray
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+
+    @classmethod
+    def make(
+        cls, env_id: str, num_envs: int, stagger: bool = False, full_info: bool = False, **options: Any
+    ) -> "VectorEnvAdapter":
+        """Make the native vector of an id, in the right autoreset mode, and adapt it.
+
+        Args:
+            env_id: Gymnasium id.
+            num_envs: number of environments.
+            stagger: see the class.
+            full_info: see the class.
+            **options: of `gym.make_vec`.
+        """
+        envs = gym.make_vec(
+            env_id, num_envs, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **options
+        )
+        return cls(envs, stagger, full_info)
 
     def reset(self) -> Any:
         """Begin new episodes everywhere, with the seeds given to `seed` if there were any."""
         seeds: Any = None if all(seed is None for seed in self._seeds) else list(self._seeds)
-        observation, _ = self.envs.reset(seed=seeds, options={"stagger": True} if self._stagger else None)
+        observation, info = self.envs.reset(seed=seeds, options={"stagger": True} if self._stagger else None)
+        if self._full_info:
+            self.reset_infos = _each(info, range(self.num_envs))
         self._reset_seeds()
         self._reset_options()
         return observation
@@ -47,14 +74,12 @@ class VectorEnvAdapter(VecEnv):
         """Take the step."""
         observation, reward, terminated, truncated, info = self.envs.step(self._actions)
         done = terminated | truncated
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        infos = _each(info, range(self.num_envs)) if self._full_info else [{} for _ in range(self.num_envs)]
         ended = np.flatnonzero(done)
         if len(ended):
-            final_obs, final = info["final_obs"], info["final_info"]
-            keys = [key for key in final if not key.startswith("_")]
-            for i in ended:
-                infos[i] = {key: final[key][i] for key in keys}
-                infos[i]["terminal_observation"] = final_obs[i]
+            for i, last in zip(ended, _each(info["final_info"], ended), strict=True):
+                infos[i] = last
+                infos[i]["terminal_observation"] = info["final_obs"][i]
                 infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
         return observation, reward.astype(np.float32), done, infos
 
@@ -76,7 +101,7 @@ class VectorEnvAdapter(VecEnv):
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """Call a method of the vector environment once; its result stands for every index."""
-        result = getattr(self.envs, method_name)(*args, **kwargs)
+        result = getattr(self.envs.unwrapped, method_name)(*args, **kwargs)
         return [result for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
@@ -84,5 +109,12 @@ class VectorEnvAdapter(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[np.ndarray | None]:
-        """Native vector environments do not render."""
-        return [None] * self.num_envs
+        """The pictures of all environments, made with render_mode="rgb_array"."""
+        pictures: Any = self.envs.render()
+        return [None] * self.num_envs if pictures is None else list(pictures)
+
+
+def _each(info: dict[str, Any], index: Any) -> list[dict[str, Any]]:
+    """The infos of the environments at `index`, as one dict each."""
+    names = [name for name in info if not name.startswith(("_", "final_"))]
+    return [{name: info[name][i] for name in names} for i in index]

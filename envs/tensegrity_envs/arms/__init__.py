@@ -1,5 +1,8 @@
 """The mechanisms as environments: how each is drawn, driven and seen."""
 
+import inspect
+from difflib import get_close_matches
+
 from tensegrity_envs.arms.dual_triangle import DualTrianglePush, DualTriangleReach
 from tensegrity_envs.arms.planar_four_bar import PlanarFourBarReach
 from tensegrity_envs.arms.spatial_prism import SpatialPrismTrack
@@ -36,9 +39,16 @@ def core_of(arm: str | type[Core], options: dict[str, object]) -> Core:
 
     Raises:
         ValueError: there is no such name.
+        TypeError: the core has no such argument.
     """
     if isinstance(arm, str):
         if arm not in ARMS:
             raise ValueError(f"arm = {arm!r}: must be one of {', '.join(map(repr, ARMS))}, or a subclass of Core")
         arm = ARMS[arm]
+    known = [name for name in inspect.signature(arm).parameters if name != "self"]
+    for name in options:
+        if name not in known:
+            close = get_close_matches(name, known, 1)
+            hint = f" (did you mean {close[0]!r}?)" if close else ""
+            raise TypeError(f"{arm.__name__} has no argument {name!r}{hint}; there are {', '.join(known)}")
     return arm(**options)

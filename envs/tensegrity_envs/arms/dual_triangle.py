@@ -1,5 +1,6 @@
 """The dual-triangle arm as environments: reaching, loaded or not, and holding against a push."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -8,7 +9,8 @@ import numpy as np
 from tensegrity_envs.arms.dual_triangle_holding import HoldSampler
 from tensegrity_envs.arms.dual_triangle_sampling import Sampler
 from tensegrity_envs.compiler.namespace import Component, Components, to_single
-from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_angles
+from tensegrity_envs.core import Core, Drawn, check_backend, scaled_tolerance, sees_everything, tip_inputs_and_angles
+from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.seeding import EpisodeStream
@@ -31,10 +33,6 @@ class _DualTriangle(Core):
     observe_velocities: bool = False
 
     def _take_design(self, design: DualTriangleDesign) -> None:
-        if not isinstance(design, DualTriangleDesign):
-            raise TypeError(
-                f"design = {design!r}: must be a DualTriangleDesign, such as tensegrity_envs.mechanics.ZHAO2021_CAPTION"
-            )
         self.design = design
         self.nominal = DualTriangle(design, SEGMENTS)
         if not self.nominal.straight_critical_loads()[0] > 0:
@@ -92,13 +90,14 @@ class DualTriangleReach(_DualTriangle):
     """The dual-triangle reaching environments.
 
     Args:
-        design: of the arm that controllers are told about.
+        design: of the arm that controllers are told about, by default ZHAO2021_CAPTION; a mapping of some fields or
+            the name of a published one will do, see `mechanics.designs.resolve_design`.
         load_range: if given, every episode draws an unknown tip force, of a size within this range (times the straight
             arm's critical load) and in any direction.
         observe: "full", or "tip_and_inputs" (no joint angles, no margins).
         reward_type: "dense" or "sparse".
         reward_weights: of the dense reward, by name; those left out keep their default.
-        tolerance: success within this distance [m].
+        tolerance: success within this distance [m]; by default 3 mm at the published size, growing with the reach.
         backend: "quasi_static", or "mujoco" for dynamics.
         dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`. By default its
             own, but for ten time steps of 2 ms in a step.
@@ -117,29 +116,32 @@ class DualTriangleReach(_DualTriangle):
 
     def __init__(
         self,
-        design: DualTriangleDesign = ZHAO2021_CAPTION,
+        design: DualTriangleDesign | Mapping[str, Any] | str | None = None,
         load_range: tuple[float, float] | None = None,
         observe: Literal["full", "tip_and_inputs"] = "full",
         reward_type: Literal["dense", "sparse"] = "dense",
         reward_weights: dict[str, float] | ReachWeights | None = None,
-        tolerance: float = 0.003,
+        tolerance: float | None = None,
         backend: Literal["quasi_static", "mujoco"] = "quasi_static",
         dynamics: Dynamics | dict[str, Any] | None = None,
         observe_velocities: bool = False,
         randomization: Randomization | dict[str, Any] | None = None,
     ) -> None:
+        design = resolve_design(design, ZHAO2021_CAPTION)
         self._take_design(design)
         self.observe_all = sees_everything(observe)
         self.observe_velocities = observe_velocities
+        check_backend(backend)
         applicable = {"stiffness", "actuation_delay", "tip_noise", "angle_noise"}
         applicable |= {"mass", "damping"} if backend == "mujoco" else set()
+        self.randomizable = frozenset(applicable)
         self.randomization = Randomization.given(randomization, applicable, f"a {backend} arm of dual-triangles")
         control = DeltaControl(self.nominal)
         self.set_simulation(control, backend, dynamics, Dynamics(timestep=0.002, frame_skip=10))
         self.task = Reach(
             input_scale=float(design.free_length1),
             joint_span=2 * float(design.joint_limit),
-            tolerance=tolerance,
+            tolerance=scaled_tolerance(tolerance, 0.003, self.reach, DualTriangle(ZHAO2021_CAPTION, SEGMENTS).reach),
             reward_type=reward_type,
             weights=ReachWeights.given(reward_weights),
         )
@@ -153,6 +155,21 @@ class DualTriangleReach(_DualTriangle):
         start = self.sampler.draw(seed, episode, design)
         goal = tuple(to_single(component) for component in self.nominal.tip(start.target_configuration))
         return Drawn(Episode(design, start.load, (), goal, random=random), start.configuration, start.inputs)
+
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """See `Core.placed`. The configuration is the unloaded arm's: its inputs are kept while the load is put on.
+
+        A target is reachable where some stable posture under the load holds it; whether a path leads there is not
+        checked.
+        """
+        arm, load = DualTriangle(drawn.episode.design, SEGMENTS), drawn.episode.load
+        q, inputs = drawn.configuration, drawn.inputs
+        if configuration is not None:
+            q, inputs = self.sampler.start_at(arm, configuration, load)
+        goal = drawn.episode.goal if target is None else tuple(to_single(component) for component in target)
+        if target is not None:
+            self.sampler.check_target(arm, goal, load)
+        return Drawn(drawn.episode._replace(goal=goal), q, inputs)
 
     def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""
@@ -169,12 +186,14 @@ class DualTrianglePush(_DualTriangle):
     success from 1 on.
 
     Args:
-        design: of the arm; its springs must be bilateral.
+        design: of the arm, by default ZHAO2021_CAPTION; its springs must be bilateral. See
+            `mechanics.designs.resolve_design`.
         load_per_step: how much the force grows in a step, divided by k b.
         observe: "full", or "tip_and_inputs" (no joint angles, no margins).
         reward_type: "dense" or "sparse".
         reward_weights: of the dense reward, by name; those left out keep their default.
-        tolerance: the episode ends beyond this distance [m].
+        tolerance: the episode ends beyond this distance [m]; by default 6 mm at the published size, growing with it.
+        randomization: there is nothing to randomize yet: None.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
@@ -187,13 +206,16 @@ class DualTrianglePush(_DualTriangle):
 
     def __init__(
         self,
-        design: DualTriangleDesign = ZHAO2021_CAPTION,
+        design: DualTriangleDesign | Mapping[str, Any] | str | None = None,
         load_per_step: float = 0.3 / 150,
         observe: Literal["full", "tip_and_inputs"] = "full",
         reward_type: Literal["dense", "sparse"] = "dense",
         reward_weights: dict[str, float] | HoldWeights | None = None,
-        tolerance: float = 0.006,
+        tolerance: float | None = None,
+        randomization: Randomization | Mapping[str, Any] | None = None,
     ) -> None:
+        self.randomization = Randomization.given(randomization, (), "a push")
+        design = resolve_design(design, ZHAO2021_CAPTION)
         self._take_design(design)
         if design.springs != "bilateral":
             raise ValueError(f"design.springs = {design.springs!r}: must be 'bilateral'")
@@ -205,7 +227,7 @@ class DualTrianglePush(_DualTriangle):
         self.task = Hold(
             reference_load=self.critical_load,
             input_scale=FreeLengthControl.highest * float(design.free_length1),
-            tolerance=tolerance,
+            tolerance=scaled_tolerance(tolerance, 0.006, self.reach, DualTriangle(ZHAO2021_CAPTION, SEGMENTS).reach),
             reward_type=reward_type,
             weights=HoldWeights.given(reward_weights),
         )
@@ -221,6 +243,36 @@ class DualTrianglePush(_DualTriangle):
         q = self.sampler.draw(stream, x)
         episodes = Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), (x, 0.0 * x))
         return Drawn(episodes, tuple(q), None)
+
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """See `Core.placed`. The configuration must hold the target; a target alone draws its start."""
+        goal = drawn.episode.goal if target is None else tuple(to_single(component) for component in target)
+        if configuration is not None and target is None:
+            goal = tuple(to_single(component) for component in self.nominal.tip(configuration))
+        low, high = self.sampler.targets
+        x, y = (float(component[0]) for component in goal)
+        if not (low <= x <= high and abs(y) <= self.task.tolerance):
+            raise ValueError(f"target ({x:.6g}, {y:.6g}): must be (x, 0) with x from {low:.6g} to {high:.6g} m")
+        if configuration is not None:
+            self._check_holds(configuration, goal)
+            return Drawn(drawn.episode._replace(goal=goal), configuration, None)
+        q = self.sampler.draw(EpisodeStream(np.zeros(1, np.int64), np.zeros(1, np.int64)), goal[0])
+        return Drawn(drawn.episode._replace(goal=goal), tuple(q), None)
+
+    def _check_holds(self, q: Components, goal: Components) -> None:
+        """Refuse a posture that does not hold the target without a push, all limits kept."""
+        tip = self.nominal.tip(q)
+        gap = float(np.hypot(tip[0] - goal[0], tip[1] - goal[1])[0])
+        if gap > self.task.tolerance:
+            raise ValueError(f"configuration: its tip is {gap:.3g} m off the target, more than the tolerance")
+        lengths = self.nominal.free_lengths(self.nominal.control(q))
+        low, high = self.simulation.bounds(self.nominal)
+        fits = all(bool((low <= length).all() and (length <= high).all()) for length in lengths)
+        stability = float(self.nominal.stability_margin(q, lengths)[0])
+        if not (fits and stability > 0 and np.all(self.nominal.is_within_limits(q))):
+            raise ValueError(
+                f"configuration: cannot be held within joint limits and free lengths (stability margin {stability:.3g})"
+            )
 
     def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_of`."""

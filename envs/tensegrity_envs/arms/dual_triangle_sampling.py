@@ -79,6 +79,59 @@ class Sampler:
                 return Start(tuple(q), tuple(inputs), tuple(load), tuple(goal))
         raise RuntimeError(f"no start found for {self.arm.design} in {_MAX_ATTEMPTS} draws: lower load_range")
 
+    def start_at(self, arm: DualTriangle, posture: Components, load: Components) -> tuple[Components, Components]:
+        """Where an arm rests, and under which inputs, that was put into a posture before it was loaded.
+
+        Args:
+            arm: a batch of one.
+            posture: components of shape (1,) [rad].
+            load: likewise [N].
+
+        Raises:
+            ValueError: the arm cannot be held there.
+        """
+        limit, high = float(self.arm.design.joint_limit), float(self.control.bounds(self.arm)[1])
+        shown = "configuration (" + ", ".join(f"{float(angle[0]):.6g}" for angle in posture) + ")"
+        inputs = self.arm.control(posture)
+        if not all(bool((abs(angle) <= limit).all()) for angle in posture):
+            raise ValueError(f"{shown}: beyond the joint limits, {limit:.6g} rad")
+        if not all(bool((abs(delta) <= high).all()) for delta in inputs):
+            raise ValueError(f"{shown}: needs inputs beyond {high:.6g} m")
+        steps = _WALK * self.control.rate
+        bounds = (limit, _MIN_MARGIN, float(steps))
+        q, _, _, fine = evaluate(
+            _walk, arm.design, arm.segments, posture, inputs, load, (tuple(inputs),) * _LEGS, bounds
+        )
+        if not fine.all():
+            raise ValueError(f"{shown}: not stable within the joint limits under the load of this episode")
+        return q, inputs
+
+    def check_target(self, arm: DualTriangle, target: Components, load: Components) -> None:
+        """Refuse a target that no stable posture within the limits holds under the load.
+
+        Raises:
+            ValueError: no such posture was found, 720 of the first angle tried.
+        """
+        x, y = (float(component[0]) for component in target)
+        limit, high = float(self.arm.design.joint_limit), float(self.control.bounds(self.arm)[1])
+        postures = [
+            solution.configuration
+            for first in np.linspace(-limit, limit, 721)
+            for solution in self.arm.inverse_kinematics(x, y, float(first))
+            if solution.is_within_limits
+        ]
+        shown = f"target ({x:.6g}, {y:.6g})"
+        if not postures:
+            raise ValueError(f"{shown}: out of reach of the arm within its joint limits")
+        q = tuple(np.array(postures).T)
+        one = arm.take(np.zeros(len(postures), int))
+        force = tuple(np.repeat(component, len(postures)) for component in load)
+        inputs = one.control(q, force)
+        stability = one.stability_margin(q, one.free_lengths(inputs), force)
+        holds = np.all([abs(delta) <= high for delta in inputs], axis=0) & (stability > 0)
+        if not holds.any():
+            raise ValueError(f"{shown}: no stable posture holds it within the inputs' bounds under this episode's load")
+
     def _try(
         self, arm: DualTriangle, stream: EpisodeStream, load: Components
     ) -> tuple[Components, Components, Components, np.ndarray]:

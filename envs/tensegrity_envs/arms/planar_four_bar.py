@@ -1,6 +1,6 @@
 """The planar 4-bar mechanism as a reaching environment, loaded or not."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -8,7 +8,17 @@ import numpy as np
 
 from tensegrity_envs.arms.planar_four_bar_sampling import Sampler
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
-from tensegrity_envs.core import Core, Drawn, sees_everything, squashed, tip_inputs_and_angles
+from tensegrity_envs.core import (
+    Core,
+    Drawn,
+    check_backend,
+    scaled_tolerance,
+    sees_everything,
+    squashed,
+    tip_inputs_and_angles,
+)
+from tensegrity_envs.mechanics.design import take
+from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
 from tensegrity_envs.randomization import Randomization
@@ -37,14 +47,15 @@ class PlanarFourBarReach(Core):
     On which side of the line CD an episode begins is drawn, and told as info["random_side"], 1 or -1.
 
     Args:
-        design: of the mechanism that controllers are told about.
+        design: of the mechanism that controllers are told about, by default JI2014; a mapping of some fields or the
+            name of a published one will do, see `mechanics.designs.resolve_design`.
         load_range: if given, every episode draws an unknown constant force on F, of a size within this range (times
             K L) and in any direction.
         observe: "full", or "tip_and_inputs" (no bar angles, no margins).
         reward_type: "dense" or "sparse".
         reward_weights: of the dense reward, by name; those left out keep their default, but for effort, which is 0:
             an actuator's length is no effort.
-        tolerance: success within this distance [m].
+        tolerance: success within this distance [m]; by default 5 cm for bars of 10 m, growing with them.
         backend: "quasi_static", or "mujoco" for dynamics (without a load).
         dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`. By default its
             own, but for a joint damping of 50 N m s/rad, time steps and servo time of 4 ms, 25 time steps in a step.
@@ -65,17 +76,19 @@ class PlanarFourBarReach(Core):
 
     def __init__(
         self,
-        design: PlanarFourBarDesign = JI2014,
+        design: PlanarFourBarDesign | Mapping[str, Any] | str | None = None,
         load_range: tuple[float, float] | None = None,
         observe: Literal["full", "tip_and_inputs"] = "full",
         reward_type: Literal["dense", "sparse"] = "dense",
         reward_weights: dict[str, float] | ReachWeights | None = None,
-        tolerance: float = 0.05,
+        tolerance: float | None = None,
         backend: Literal["quasi_static", "mujoco"] = "quasi_static",
         dynamics: Dynamics | dict[str, Any] | None = None,
         observe_velocities: bool = False,
         randomization: Randomization | dict[str, Any] | None = None,
     ) -> None:
+        design = resolve_design(design, JI2014)
+        check_backend(backend)
         self.nominal = PlanarFourBar(design)
         if design.is_batch:
             raise TypeError(f"design = {design!r}: must be one design, not a batch")
@@ -88,6 +101,7 @@ class PlanarFourBarReach(Core):
         applicable = {"actuation_delay", "tip_noise", "angle_noise"}
         applicable |= {"stiffness"} if load_range is None else set()  # loaded targets depend on it
         applicable |= {"mass", "damping"} if backend == "mujoco" else set()
+        self.randomizable = frozenset(applicable)
         self.randomization = Randomization.given(randomization, applicable, f"a {backend} planar 4-bar mechanism")
         control = (RectangleControl if load_range is None else LoadedLengthControl)(self.nominal)
         self.set_simulation(control, backend, dynamics, DYNAMICS)
@@ -97,7 +111,7 @@ class PlanarFourBarReach(Core):
             input_scale=2 * float(design.length),
             joint_span=2.5 * float(design.length),
             obstacle=around_meeting(self.nominal, _ROUND if load_range is None else _ROUND_LOADED),
-            tolerance=tolerance,
+            tolerance=scaled_tolerance(tolerance, 0.05, design.length, JI2014.length),
             reward_type=reward_type,
             weights=ReachWeights.given(reward_weights),
         )
@@ -118,6 +132,31 @@ class PlanarFourBarReach(Core):
         drawn = random | {"side": start.side}
         episodes = Episode(self._randomized(random), start.load, (), goal, solutions, drawn)
         return Drawn(episodes, start.configuration, start.lengths)
+
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """See `Core.placed`. A configuration follows from the lengths: it cannot be chosen."""
+        if configuration is not None:
+            raise ValueError("'configuration' cannot be chosen in this environment: it follows from actuator lengths")
+        assert target is not None
+        goal = tuple(to_single(component) for component in target)
+        x, y = (float(component[0]) for component in goal)
+        side = drawn.episode.random["side"]
+        load = tuple(float(force[0]) for force in drawn.episode.load)
+        mechanism = PlanarFourBar(take(drawn.episode.design, 0))
+        low, high = self.simulation.bounds(self.nominal)
+        fits = [
+            found
+            for found in mechanism.inverse_kinematics(x, y, load)
+            if found.is_stable and found.side == side[0] and all(low <= length <= high for length in found.lengths)
+        ]
+        if not fits:
+            raise ValueError(
+                f"target ({x:.6g}, {y:.6g}): no stable state on this episode's side, {int(side[0])}, has F there with "
+                f"lengths from {float(low):.6g} to {float(high):.6g} m"
+            )
+        return Drawn(
+            drawn.episode._replace(goal=goal, solutions=self._solutions(goal, side)), drawn.configuration, drawn.inputs
+        )
 
     def _solutions(self, goal: Components, side: np.ndarray) -> tuple[Components, ...]:
         """Actuator lengths of unloaded rectangles on a side, with F at goals of shape (n,) [m].

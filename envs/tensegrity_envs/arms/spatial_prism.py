@@ -1,5 +1,6 @@
 """The spatial prism as environments: following a closed curve, with or without an unknown payload."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -7,7 +8,8 @@ import numpy as np
 
 from tensegrity_envs.arms.spatial_prism_sampling import GRAVITY, HARMONICS, Sampler
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.core import Core, Drawn, sees_everything, squashed
+from tensegrity_envs.core import Core, Drawn, check_backend, scaled_tolerance, sees_everything, squashed
+from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.spatial_prism import JAHROMY, SpatialPrism, SpatialPrismDesign
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.rendering import Scene
@@ -31,14 +33,16 @@ class SpatialPrismTrack(Core):
     observation.
 
     Args:
-        design: of the prism that controllers are told about.
+        design: of the prism that controllers are told about, by default JAHROMY; a mapping of some fields or the name
+            of a published one will do, see `mechanics.designs.resolve_design`.
         payload_range: if given, every episode attaches an unknown payload of a mass within this range [kg] at an
             unannounced moment, from a tenth to nine tenths of the first cycle.
         trajectory: "mixed", "random", or one of [Jahromy]'s two, "eq31" or "eq32"; see `Sampler`.
         observe: "full", or "tip_and_inputs" (no orientation, no margins).
         reward_type: "dense" or "sparse".
         reward_weights: of the dense reward, by name; those left out keep their default.
-        tolerance: success within this distance all through the second cycle [m].
+        tolerance: success within this distance all through the second cycle [m]; by default 2 mm at the published
+            size, growing with D.
         cycle: steps of a cycle.
         backend: "quasi_static", or "mujoco" for dynamics. A payload then has weight, but no inertia.
         dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`. By default its
@@ -60,23 +64,21 @@ class SpatialPrismTrack(Core):
 
     def __init__(
         self,
-        design: SpatialPrismDesign = JAHROMY,
+        design: SpatialPrismDesign | Mapping[str, Any] | str | None = None,
         payload_range: tuple[float, float] | None = None,
         trajectory: str = "mixed",
         observe: Literal["full", "tip_and_inputs"] = "full",
         reward_type: Literal["dense", "sparse"] = "dense",
         reward_weights: dict[str, float] | TrackWeights | None = None,
-        tolerance: float = 0.002,
+        tolerance: float | None = None,
         cycle: int = 200,
         backend: Literal["quasi_static", "mujoco"] = "quasi_static",
         dynamics: Dynamics | dict[str, Any] | None = None,
         observe_velocities: bool = False,
         randomization: Randomization | dict[str, Any] | None = None,
     ) -> None:
-        if not isinstance(design, SpatialPrismDesign):
-            raise TypeError(
-                f"design = {design!r}: must be a SpatialPrismDesign, such as tensegrity_envs.mechanics.JAHROMY"
-            )
+        design = resolve_design(design, JAHROMY)
+        check_backend(backend)
         self.design = design
         self.nominal = SpatialPrism(design)
         self.observe_all = sees_everything(observe)
@@ -85,6 +87,7 @@ class SpatialPrismTrack(Core):
         applicable = {"actuation_delay", "tip_noise"}
         applicable |= {"stiffness"} if payload_range is None else set()  # loaded starts depend on it
         applicable |= {"mass", "damping"} if backend == "mujoco" else set()
+        self.randomizable = frozenset(applicable)
         self.randomization = Randomization.given(randomization, applicable, f"a {backend} spatial prism")
         control = LengthControl(self.nominal, payload_range is not None)
         self.set_simulation(control, backend, dynamics, DYNAMICS)
@@ -93,7 +96,7 @@ class SpatialPrismTrack(Core):
         longest = float(self.simulation.bounds(self.nominal)[1])
         self.task = Track(
             input_scale=longest,
-            tolerance=tolerance,
+            tolerance=scaled_tolerance(tolerance, 0.002, design.D, JAHROMY.D),
             cycle=cycle,
             reward_type=reward_type,
             weights=TrackWeights.given(reward_weights),

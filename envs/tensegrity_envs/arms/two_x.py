@@ -1,5 +1,6 @@
 """The 2-X manipulator as a reaching environment."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -7,7 +8,8 @@ import numpy as np
 
 from tensegrity_envs.arms.two_x_sampling import Sampler, feasible_solutions
 from tensegrity_envs.compiler.namespace import Component, Components, to_single
-from tensegrity_envs.core import Core, Drawn, sees_everything, tip_inputs_and_angles
+from tensegrity_envs.core import Core, Drawn, check_backend, scaled_tolerance, sees_everything, tip_inputs_and_angles
+from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
@@ -28,13 +30,15 @@ class TwoXReach(Core):
     """The 2-X reaching environments.
 
     Args:
-        design: of the arm that controllers are told about; joint limits beyond 2.6 rad are narrowed to that.
+        design: of the arm that controllers are told about, by default MURALIDHARAN2022; a mapping of some fields or
+            the name of a published one will do, see `mechanics.designs.resolve_design`. Joint limits
+            beyond 2.6 rad are narrowed to that.
         control: "joint" (two increments of at most 0.1 rad) or "tension" (four of at most 15 N).
         payload_range: if given, every episode draws an unknown payload from it [kg], uniformly.
         observe: "full", or "tip_and_inputs" (no joint angles, no margins).
         reward_type: "dense" or "sparse".
         reward_weights: of the dense reward, by name; those left out keep their default.
-        tolerance: success within this distance [m].
+        tolerance: success within this distance [m]; by default 5 mm at the published size, growing with the reach.
         backend: "quasi_static", or "mujoco" for dynamics (tension control only).
         dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`.
         observe_velocities: whether velocities are observed; those of a quasi-static arm are zero.
@@ -52,22 +56,20 @@ class TwoXReach(Core):
 
     def __init__(
         self,
-        design: TwoXDesign = MURALIDHARAN2022,
+        design: TwoXDesign | Mapping[str, Any] | str | None = None,
         control: Literal["joint", "tension"] = "joint",
         payload_range: tuple[float, float] | None = None,
         observe: Literal["full", "tip_and_inputs"] = "full",
         reward_type: Literal["dense", "sparse"] = "dense",
         reward_weights: dict[str, float] | ReachWeights | None = None,
-        tolerance: float = 0.005,
+        tolerance: float | None = None,
         backend: Literal["quasi_static", "mujoco"] = "quasi_static",
         dynamics: Dynamics | dict[str, Any] | None = None,
         observe_velocities: bool = False,
         randomization: Randomization | dict[str, Any] | None = None,
     ) -> None:
-        if not isinstance(design, TwoXDesign):
-            raise TypeError(
-                f"design = {design!r}: must be a TwoXDesign, such as tensegrity_envs.mechanics.MURALIDHARAN2022"
-            )
+        design = resolve_design(design, MURALIDHARAN2022)
+        check_backend(backend)
         if control not in CONTROLS:
             raise ValueError(f"control = {control!r}: must be one of {', '.join(map(repr, CONTROLS))}")
         if control == "joint" and backend != "quasi_static":
@@ -76,6 +78,7 @@ class TwoXReach(Core):
         self.observe_velocities = observe_velocities
         applicable = {"stiffness", "mass", "payload", "actuation_delay", "tip_noise", "angle_noise"}
         applicable |= {"damping"} if backend == "mujoco" else set()
+        self.randomizable = frozenset(applicable)
         self.randomization = Randomization.given(randomization, applicable, f"a {backend} 2-X arm")
         if self.randomization.payload is not None:
             if payload_range is not None:
@@ -96,7 +99,7 @@ class TwoXReach(Core):
         self.task = Reach(
             input_scale=float(self.design.max_tension),
             joint_span=2 * self.design.joint_limit,
-            tolerance=tolerance,
+            tolerance=scaled_tolerance(tolerance, 0.005, self.nominal.reach, TwoX(environment_design()).reach),
             reward_type=reward_type,
             weights=ReachWeights.given(reward_weights),
         )
@@ -121,6 +124,22 @@ class TwoXReach(Core):
             drawn.configuration,
             drawn.tensions,
         )
+
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """See `Core.placed`. With a hidden payload the configuration is the nominal arm's, under no payload."""
+        mechanism, q, tensions = TwoX(drawn.episode.design), drawn.configuration, drawn.inputs
+        if configuration is not None:
+            q, tensions = self.sampler.start_at(mechanism, configuration, tensions is not None)
+        x, y = drawn.episode.goal if target is None else (to_single(component) for component in target)
+        found = feasible_solutions(mechanism, x, y)
+        reachable = self.sampler.in_reach(mechanism, q, found)
+        if not reachable.any():
+            where = f"target ({float(x[0]):.6g}, {float(y[0]):.6g})"
+            if not np.isfinite(found[0][0]).any():
+                raise ValueError(f"{where}: no stable, wrench-feasible configuration puts the tip there")
+            raise ValueError(f"{where}: in another piece of the stable wrench-feasible set than the start, {q}")
+        solutions = found if self.task.reward_type == "dense" else ()
+        return Drawn(drawn.episode._replace(goal=(x, y), solutions=solutions), q, tensions)
 
     def _randomized(self, random: dict[str, np.ndarray]) -> TwoXDesign:
         """The design with the stiffnesses and masses that episodes have drawn."""

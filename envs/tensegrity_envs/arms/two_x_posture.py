@@ -1,6 +1,7 @@
 """Changing the posture of the plain 2-X without meeting a singularity."""
 
 import math
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, Literal
 
@@ -9,7 +10,9 @@ import numpy as np
 from tensegrity_envs.arms.two_x_detours import detours_of
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.core import Core, Drawn
+from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.two_x import FURET2018, TwoX, TwoXDesign
+from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.protocol import RUNNING, SINGULAR, Episode, State
 from tensegrity_envs.tasks import Posture, PostureWeights
@@ -90,11 +93,12 @@ class TwoXPostureChange(Core):
     that as `stability_margin`, for want of springs.
 
     Args:
-        design: without offsets, on the full torus.
+        design: without offsets, on the full torus; by default FURET2018(0.9). See `mechanics.designs.resolve_design`.
         reward_type: "dense" or "sparse".
         reward_weights: of the dense reward, by name; those left out keep their default.
         tolerance: success within this distance in each angle [rad].
         smallest: |det J| / L^2 at which the episode ends.
+        randomization: there is nothing to randomize: None.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
@@ -111,16 +115,16 @@ class TwoXPostureChange(Core):
 
     def __init__(
         self,
-        design: TwoXDesign | None = None,
+        design: TwoXDesign | Mapping[str, Any] | str | None = None,
         observe: Literal["full"] = "full",
         reward_type: Literal["dense", "sparse"] = "dense",
         reward_weights: dict[str, float] | PostureWeights | None = None,
         tolerance: float = 0.02,
         smallest: float = 1e-3,
+        randomization: Randomization | Mapping[str, Any] | None = None,
     ) -> None:
-        design = FURET2018(0.9) if design is None else design
-        if not isinstance(design, TwoXDesign):
-            raise TypeError(f"design = {design!r}: must be a TwoXDesign, such as FURET2018(0.9)")
+        self.randomization = Randomization.given(randomization, (), "a change of posture")
+        design = resolve_design(design, FURET2018(0.9))
         if design.a != 0 or design.joint_limit < 2 * math.pi:
             raise ValueError(
                 f"design = {design!r}: must be without offsets (a = 0) and on the torus (joint_limit 2 pi)"
@@ -198,6 +202,23 @@ class TwoXPostureChange(Core):
             raise RuntimeError(f"no pair of postures found for {self.design} in {_MAX_ATTEMPTS} draws")
         target = tuple(to_single(alpha / 2) for alpha in goal)
         return Drawn(Episode(self.design, (0.0, 0.0), (), target), tuple(start), None)
+
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """See `Core.placed`. The target is a configuration, as (theta_1, theta_2)."""
+        start = drawn.configuration if configuration is None else configuration
+        goal = drawn.episode.goal if target is None else tuple(to_single(theta) for theta in target)
+        aspects = []
+        for name, q in (("configuration", start), ("target", tuple(2 * theta for theta in goal))):
+            turned = tuple(self._turn(alpha) for alpha in q)
+            height = float(abs(self.simulation.height(self.nominal, turned))[0])
+            aspects.append(int(self._aspect(turned)[0]))
+            if height < self.simulation.smallest or aspects[-1] < 0:
+                raise ValueError(
+                    f"{name} {tuple(float(part[0]) for part in q)}: singular, |det J| / L^2 = {height:.3g}"
+                )
+        if aspects[0] != aspects[1]:
+            raise ValueError("target: in another aspect than the start, behind a singularity")
+        return Drawn(drawn.episode._replace(goal=goal), tuple(self._turn(alpha) for alpha in start), None)
 
     def complete(self, episodes: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
         """Add the potential, which is read from a table, to the dense reward."""

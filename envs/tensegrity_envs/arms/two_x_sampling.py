@@ -124,6 +124,46 @@ class Sampler:
         hidden = self.payload_range is not None
         return Drawn(mechanism, tuple(start), tuple(tensions) if hidden else None, tuple(target))
 
+    def start_at(self, mechanism: TwoX, q: Components, is_hidden: bool) -> tuple[Components, Components | None]:
+        """Where an arm begins, and under which tensions, that is put into a posture.
+
+        Args:
+            mechanism: a batch of one, with the true payload.
+            q: components of shape (1,) [rad].
+            is_hidden: whether the payload is; the posture is then that of the arm without it.
+
+        Raises:
+            ValueError: the arm cannot be held there.
+        """
+        if not np.all(mechanism.is_within_limits(q)):
+            raise ValueError(f"configuration {_shown(q)}: beyond the joint limits, {self.design.joint_limit:.6g} rad")
+        nominal = TwoX(replace(mechanism.design, payload=self.design.payload)) if is_hidden else mechanism
+        _, stability, wrench = nominal.posture(q)
+        if not (stability > 0).all() or not (wrench >= 0).all():
+            raise ValueError(
+                f"configuration {_shown(q)}: not stable and wrench-feasible (stability margin {stability[0]:.3g}, "
+                f"wrench margin {wrench[0]:.3g})"
+            )
+        if not is_hidden:
+            return q, None
+        tensions, one = nominal.stiffest_tensions(q), np.ones(1)
+        before, after = (design.payload * one for design in (nominal.design, mechanism.design))
+        rest, held = _add_payload(nominal, q, tensions, before, after)
+        if not held.all() or not np.all(mechanism.is_within_limits(rest)):
+            raise ValueError(f"configuration {_shown(q)}: not stable under the payload of this episode")
+        return rest, tensions
+
+    def in_reach(self, mechanism: TwoX, q: Components, solutions: tuple[Components, ...]) -> np.ndarray:
+        """Which solutions of a batch of one are in the start's connected piece of the SWFJ."""
+        payload = mechanism.design.payload * np.ones(1)
+        finite = [np.isfinite(solution[0]).all() for solution in solutions]
+        piece = self._piece(payload, q)
+        same = [
+            fine and piece[0] > 0 and self._piece(payload, solution)[0] == piece[0]
+            for fine, solution in zip(finite, solutions, strict=True)
+        ]
+        return np.array(same)
+
     def _uniform(self, stream: EpisodeStream) -> Components:
         limit = self.design.joint_limit
         return stream.uniform(-limit, limit), stream.uniform(-limit, limit)
@@ -149,6 +189,10 @@ class Sampler:
             good[index] &= held
         good &= self._piece(payload, tuple(np.where(good, angle, 0.0) for angle in q)) > 0
         return q, tensions, good
+
+
+def _shown(q: Components) -> str:
+    return "(" + ", ".join(f"{float(angle[0]):.6g}" for angle in q) + ")"
 
 
 def _inside(mechanism: TwoX, q: Components) -> np.ndarray:

@@ -8,6 +8,7 @@ few names that they do not share. Torch is never imported here: a tensor can onl
 
 import math
 import sys
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -65,7 +66,7 @@ def namespace_of(*components: Component) -> Any:
             found = np
         elif hasattr(kind, "namespace"):
             return kind.namespace
-        elif kind.__module__.startswith("torch"):
+        elif is_tensor(component):
             return _torch_namespace()
     return found
 
@@ -82,6 +83,24 @@ def to_single(component: Component) -> Component:
     if is_symbol(component):
         return namespace_of(component).single(component)
     return float(np.float32(component))
+
+
+def is_tensor(component: Any) -> bool:
+    """Whether a component is a Torch tensor."""
+    return type(component).__module__.startswith("torch")
+
+
+def detached(component: Component) -> Component:
+    """A tensor's numbers as an array, or a float if it holds one; any other component as it is."""
+    if not is_tensor(component):
+        return component
+    array = component.detach().cpu().numpy()
+    return array if array.ndim else float(array)
+
+
+def as_components(values: Sequence[Any]) -> Components:
+    """Numbers as floats; arrays and tensors as they are."""
+    return tuple(v if is_tensor(v) or np.ndim(v) else float(v) for v in values)
 
 
 def is_batch(*components: Component) -> bool:

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_envs.compiler.kernel import evaluate
-from tensegrity_envs.compiler.namespace import Component, Components, is_symbol, namespace_of
-from tensegrity_envs.compiler.pytree import is_array, leaves
+from tensegrity_envs.compiler.namespace import Component, Components, detached, is_symbol, is_tensor, namespace_of
+from tensegrity_envs.compiler.pytree import is_array, leaves, rebuild
 from tensegrity_envs.compiler.tracing import Path
 
 Hessian = tuple[Components, ...]
@@ -126,9 +126,12 @@ def settle(statics: ParametricStatics, start: Sequence[Component], parameters: A
         statics: of the mechanism: (configuration, parameters) -> gradient, Hessian; a function of a module, since its
             compiled form is kept.
         start: components, floats or arrays of shape (n,).
-        parameters: a structure of floats and arrays of shape (n,): design, inputs, loads.
+        parameters: a structure of floats and arrays of shape (n,): design, inputs, loads. Where a start or parameter is
+            a Torch tensor, so is the result, with the gradients that the implicit function theorem gives.
         limit: |component| is at most this.
     """
+    if any(True for _ in leaves((tuple(start), parameters), is_tensor)):
+        return _settle_tensors(statics, tuple(start), parameters, limit)
     start = tuple(qi if isinstance(qi, np.ndarray) else float(qi) for qi in start)
     arrays = list(leaves((start, parameters), is_array))
     single = not arrays
@@ -160,6 +163,25 @@ def settle(statics: ParametricStatics, start: Sequence[Component], parameters: A
     if single:
         return Equilibrium(tuple(q[:, 0].tolist()), float(residual[0]), bool(stable[0]), reasons[0])
     return Equilibrium(tuple(q), residual, stable, reasons)
+
+
+def _settle_tensors(statics: ParametricStatics, start: Components, parameters: Any, limit: float) -> Equilibrium:
+    """`settle` on numbers, then one step of Newton's method on tensors.
+
+    The step is zero but for rounding, and its derivative -H^-1 dg/dp is that of the equilibrium.
+    """
+    begin, given = rebuild((start, parameters), is_tensor, detached)
+    found = settle(statics, begin, given, limit)
+    like = next(leaves((start, parameters), is_tensor))
+    q = tuple(like.new_tensor(np.asarray(angle)) for angle in found.configuration)
+    gradient, hessian = statics(q, parameters)
+    held = tuple(tuple(entry + 0.0 * like.new_zeros(()) for entry in row) for row in hessian)
+    fixed = tuple(tuple(entry.detach() for entry in row) for row in held)
+    step, *_ = solve_symmetric(fixed, tuple(g + 0.0 * angle for g, angle in zip(gradient, q, strict=True)))
+    stable = like.new_tensor(np.asarray(found.is_stable), dtype=None).bool()
+    xp = namespace_of(like)
+    moved = tuple(xp.where(stable, angle - part, angle) for angle, part in zip(q, step, strict=True))
+    return Equilibrium(moved, like.new_tensor(np.asarray(found.residual)), stable, found.reason)
 
 
 def _reason(inside: bool, converged: bool, positive: bool, jumped: bool) -> str:

@@ -8,6 +8,21 @@ import numpy as np
 _NEAR = 1e-2  # roots closer together than this all but coincide
 
 
+def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """rows @ matrix, each row by itself.
+
+    BLAS rounds otherwise for other numbers of rows, and an episode must not depend on those that are drawn with it.
+
+    Args:
+        rows: shape (n, m).
+        matrix: shape (m, k).
+    """
+    total: np.ndarray = rows[:, :1] * matrix[0]
+    for i in range(1, len(matrix)):
+        total += rows[:, i : i + 1] * matrix[i]
+    return total
+
+
 def real_roots(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The real roots of polynomials, and complex ones that rounding may have moved off the real axis, as real ones.
 

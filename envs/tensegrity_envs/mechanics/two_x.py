@@ -20,8 +20,9 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, is_batch, is_symbol, namespace_of
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
+from tensegrity_envs.mechanics.checks import check_finite
 from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers, take
-from tensegrity_envs.mechanics.polynomials import real_roots
+from tensegrity_envs.mechanics.polynomials import product, real_roots
 
 _NO_LOAD = (0.0, 0.0)
 _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
@@ -557,11 +558,11 @@ class TwoX:
         Raises:
             ValueError: a number is NaN or infinite, or there are not four tensions and two angles.
         """
-        _check_finite("tensions", tensions, 4)
-        _check_finite("start", start, 2)
-        _check_finite("load", load, 2)
+        check_finite("tensions", tensions, 4)
+        check_finite("start", start, 2)
+        check_finite("load", load, 2)
 
-        inputs, forces = (tuple(f if np.ndim(f) else float(f) for f in values) for values in (tensions, load))
+        inputs, forces = as_components(tensions), as_components(load)
         return _equilibrium.settle(_statics, start, (self.design, inputs, forces), self.design.joint_limit)
 
     def equilibria(self, tensions: Sequence[float], load: Sequence[float] = _NO_LOAD) -> list[_equilibrium.Equilibrium]:
@@ -570,8 +571,8 @@ class TwoX:
         Raises:
             ValueError: a number is NaN or infinite, or there are not four tensions.
         """
-        _check_finite("tensions", tensions, 4)
-        _check_finite("load", load, 2)
+        check_finite("tensions", tensions, 4)
+        check_finite("load", load, 2)
         limit = self.design.joint_limit
         return _equilibrium.find_all(lambda q: self.statics(q, tensions, load), (-limit, -limit), (limit, limit))
 
@@ -629,7 +630,7 @@ class TwoX:
         """Candidates, polished and verified: index of the target, configuration and residual of every solution."""
         if any(isinstance(value, np.ndarray) for value in (self.design.a, self.design.b, self.design.l)):
             raise ValueError("inverse kinematics takes one set of bar lengths, not a batch of them")
-        _check_finite("target", (x, y), 2)
+        check_finite("target", (x, y), 2)
         owner, a1, a2 = self._candidates(x, y)
         near = np.maximum(np.abs(a1), np.abs(a2)) < self.design.joint_limit + 0.1
         owner, a1, a2 = owner[near], a1[near], a2[near]
@@ -707,7 +708,7 @@ class TwoX:
         # The variable is t = tan(omega/2), with t = infinity where the sample is largest: no root is near infinity.
         top = np.abs(samples).argmax(axis=1)
         turned = samples[np.arange(len(x))[:, None], (top[:, None] + np.arange(_SAMPLES)) % _SAMPLES]
-        polynomial = turned @ _SAMPLES_TO_POLYNOMIAL
+        polynomial = product(turned, _SAMPLES_TO_POLYNOMIAL)
         owner, t = real_roots(polynomial)
         a1 = self._from_anomaly(psi[top[owner]] + math.pi + 2 * np.arctan(t))
         dx, dy, dd = self._beyond_joint_1(x[owner], y[owner], a1)
@@ -780,11 +781,3 @@ def furet_quartic(x: float, y: float, b: float) -> np.ndarray:
 def _angle_gap(first: Any, second: Any) -> Any:
     gap = np.abs(first - second) % _FULL_TURN
     return np.minimum(gap, _FULL_TURN - gap)
-
-
-def _check_finite(name: str, values: Sequence[Component], count: int) -> None:
-    if len(values) != count:
-        raise ValueError(f"{name}: {count} numbers expected, got {len(values)}: {values!r}")
-    for value in values:
-        if not np.all(np.isfinite(np.asarray(value, float))):
-            raise ValueError(f"{name} = {values!r}: must be finite numbers")

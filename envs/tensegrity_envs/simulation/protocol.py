@@ -3,6 +3,8 @@
 import math
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 
 RUNNING, UNSTABLE, WRENCH_INFEASIBLE, BUCKLED, JOINT_LIMIT, OFF_TARGET, SINGULAR = range(7)
@@ -20,6 +22,19 @@ FAILURES = (
     "assembly flipped",
     "cable slack",
 )
+
+
+def termination_reason(failure: Any) -> Any:
+    """Why an episode was terminated, in words.
+
+    Args:
+        failure: info["failure"]: a number, or an array of them (of a vector environment).
+
+    Returns:
+        A string, or an array of strings of the same shape; "" where the episode was not terminated.
+    """
+    words = np.array(FAILURES, object)[failure]
+    return words if isinstance(words, np.ndarray) else str(words)
 
 
 class State(NamedTuple):

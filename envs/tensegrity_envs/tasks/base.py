@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,6 +20,8 @@ class Task(ABC):
         input_scale: scale of the effort [N or m].
     """
 
+    goals_decide: ClassVar[bool] = True  # whether the sparse reward depends on the distance alone, without failure
+
     tolerance: float
     reward_type: str = "dense"
     input_scale: float = 1.0
@@ -32,8 +34,9 @@ class Task(ABC):
         """
         if self.reward_type not in ("dense", "sparse"):
             raise ValueError(f"reward_type = {self.reward_type!r}: must be 'dense' or 'sparse'")
-        if not (np.isfinite(self.tolerance) and self.tolerance > 0):
-            raise ValueError(f"tolerance = {self.tolerance!r}: must be positive")
+        is_number = isinstance(self.tolerance, int | float | np.number) and not isinstance(self.tolerance, bool)
+        if not (is_number and np.isfinite(self.tolerance) and self.tolerance > 0):
+            raise ValueError(f"tolerance = {self.tolerance!r}: must be a positive number")
 
     def is_success(self, error: Component, state: State, episode: Episode) -> Component:
         """Whether the task is done, as things are: within tolerance, in a state without failure."""

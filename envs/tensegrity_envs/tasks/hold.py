@@ -20,6 +20,8 @@ class Hold(Task):
         weights: of the dense reward.
     """
 
+    goals_decide = False
+
     reference_load: float
     weights: HoldWeights = field(default_factory=HoldWeights)
 

@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, is_batch, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, as_components, is_batch, namespace_of
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
+from tensegrity_envs.mechanics.checks import check_count, check_finite, check_single
 from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.mechanics.dual_triangle.branches import Branch, follow_load, heading_in_load
-from tensegrity_envs.mechanics.dual_triangle.checks import check_finite, check_single
 from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.eigenvalues import smallest_eigenvalue
 from tensegrity_envs.mechanics.dual_triangle.loads import (
@@ -314,7 +314,13 @@ class DualTriangle:
     # ------------------------------------------------------------------------------------------------- control
 
     def load_torques(self, q: Sequence[Component], load: Sequence[Component]) -> Components:
-        """(J^T F)_i [N m]: the external moment on every segment."""
+        """(J^T F)_i [N m]: the external moment on every segment.
+
+        Raises:
+            ValueError: there are not n angles and two components of the load.
+        """
+        check_count("q", q, self.segments)
+        check_count("load", load, 2)
         arms = self._arms(self._links(self._xp(*q, *load), q))
         return tuple(load[1] * x - load[0] * y for x, y in arms)
 
@@ -324,10 +330,21 @@ class DualTriangle:
         Args:
             delta: n control inputs [m]; delta_i > 0 turns segment i towards q_i > 0.
             common: added to both free lengths of a segment [m], one number or n of them: co-contraction where negative.
+
+        Raises:
+            ValueError: there are not n control inputs, or neither one number nor n of them in common.
         """
-        added = [common] * self.segments if isinstance(common, (int, float)) else common
+        check_count("delta", delta, self.segments)
+        added = self._each(common)
         pairs = zip(delta, added, strict=True)
         return tuple(length for d, c in pairs for length in self.segment.free_lengths(d, c))
+
+    def _each(self, common: Sequence[Component] | float) -> Sequence[Component]:
+        """What is added to the free lengths of every segment."""
+        if isinstance(common, int | float):
+            return [common] * self.segments
+        check_count("common", common, self.segments)
+        return common
 
     def control(
         self,
@@ -340,8 +357,12 @@ class DualTriangle:
         Eq. 5 prints the external moment with the wrong sign, see `DualTriangleSegment.control`. That q is an
         equilibrium does not make it stable: check `stability_margin`, and `free_length_margin` for free lengths that
         would be negative.
+
+        Raises:
+            ValueError: there are not n angles, two components of the load, and one number or n of them in common.
         """
-        added = [common] * self.segments if isinstance(common, (int, float)) else common
+        check_count("q", q, self.segments)
+        added = self._each(common)
         moments: Sequence[Component] = [0.0] * self.segments if load is None else self.load_torques(q, load)
         return tuple(
             self.segment.control(qi, moment, extra) for qi, moment, extra in zip(q, moments, added, strict=True)
@@ -377,8 +398,7 @@ class DualTriangle:
         check_finite("start", start, self.segments)
         check_finite("load", load, 2)
 
-        inputs, forces = (tuple(v if np.ndim(v) else float(v) for v in values) for values in (free_lengths, load))
-        parameters = (self.design, self.segments, inputs, forces)
+        parameters = (self.design, self.segments, as_components(free_lengths), as_components(load))
         return _equilibrium.settle(_statics, start, parameters, self.design.joint_limit)
 
     def equilibria(

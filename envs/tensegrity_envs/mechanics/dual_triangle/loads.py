@@ -79,6 +79,8 @@ def _critical_load_of_cables(
         load = (force * unit[0], force * unit[1])
         return np.array(bilateral.spring_forces(q, arm.free_lengths(bilateral.control(q, load, common), common)))
 
+    if not first_loss(hessian(0.0), hessian(0.0)):  # as where both cables of a segment are slack without a load
+        return np.asarray(0.0)
     at_zero = tensions(0.0)
     slope = (tensions(scale) - at_zero) / scale
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment
 
 _CELLS = 64
+_LARGEST_CLUSTER = 1e-2  # [rad]
+_ROUNDING = 8 * 2.0**-52  # of a torque, relative to the sum of what it is computed from
+_UNDECIDED = 1e-7  # [rad]
 _NARROWEST = 1e-9  # [rad]: what is left undecided at this width is a double root, or none
 
 
@@ -50,6 +53,50 @@ def stiffness_bounds(
     return np.where(exact, 0.0, lower - slop), np.where(exact, 0.0, upper + slop)
 
 
+class Stretch(NamedTuple):
+    """An interval of angles [rad] on which the stiffness is positive (sign 1), negative (-1), or zero: cables slack."""
+
+    low: float
+    high: float
+    sign: int
+
+
+def stretches(segment: DualTriangleSegment, free_lengths: tuple[float, float]) -> list[Stretch]:
+    """The stretches into which the signs of the stiffness divide the range of angles, ascending.
+
+    Bounds of the stiffness prove the sign on every interval but those narrower than 1e-7 rad, next to a zero.
+    """
+    limit = float(segment.design.joint_limit)
+    edges = np.linspace(-limit, limit, _CELLS + 1)
+    low, high = edges[:-1], edges[1:]
+    pieces: list[tuple[float, float, int]] = []
+    while len(low):
+        least, most = stiffness_bounds(segment, free_lengths, low, high)
+        sign = np.where(least > 0, 1, np.where(most < 0, -1, 0))
+        known = (sign != 0) | ((least == 0) & (most == 0))
+        pieces += zip(low[known].tolist(), high[known].tolist(), sign[known].tolist(), strict=True)
+        left = ~known & (high - low > _UNDECIDED)
+        low, high = _halved(low[left], high[left])
+    found: list[Stretch] = []
+    for a, b, kind in sorted(pieces):
+        if found and found[-1].sign == kind and (kind != 0 or a - found[-1].high < _UNDECIDED):
+            found[-1] = Stretch(found[-1].low, b, kind)  # what is undecided between them is no extremum
+        elif found:
+            middle = (found[-1].high + a) / 2
+            found[-1] = Stretch(found[-1].low, middle, found[-1].sign)
+            found.append(Stretch(middle, b, kind))
+        else:
+            found.append(Stretch(-limit, b, kind))
+    if found:
+        found[-1] = Stretch(found[-1].low, limit, found[-1].sign)
+    return found
+
+
+def _halved(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    middle = (low + high) / 2
+    return np.concatenate([low, middle]), np.concatenate([middle, high])
+
+
 def roots(segment: DualTriangleSegment, free_lengths: tuple[float, float], moment: float) -> list[float]:
     """All angles strictly inside the joint limits at which torque + moment = 0, ascending [rad]."""
     limit = float(segment.design.joint_limit)
@@ -79,8 +126,7 @@ def roots(segment: DualTriangleSegment, free_lengths: tuple[float, float], momen
         left = ~monotone & ~idle & ~empty
         narrow = left & (half < _NARROWEST)
         doubtful += middle[narrow & (at_middle < 1e-12 * size)].tolist()
-        left &= ~narrow
-        low, high = np.concatenate([low[left], middle[left]]), np.concatenate([middle[left], high[left]])
+        low, high = _halved(low[left & ~narrow], high[left & ~narrow])
     for start, end in _merged(sorted(neutral)):
         found = [q for q in found if not start - 1e-9 <= q <= end + 1e-9]
         found.append((start + end) / 2)
@@ -88,11 +134,31 @@ def roots(segment: DualTriangleSegment, free_lengths: tuple[float, float], momen
     for start, end in _merged(sorted((q - 4e-7, q + 4e-7) for q in doubtful)):
         if not any(start - 1e-7 <= q <= end + 1e-7 for q in found):
             found.append((start + end) / 2)
-    distinct: list[float] = []
+    distinct: list[list[float]] = []
     for q in sorted(found):
-        if abs(q) < limit - 1e-12 and not (distinct and q - distinct[-1] < 1e-11):
-            distinct.append(q)
-    return distinct
+        if abs(q) >= limit - 1e-12:
+            continue
+        if distinct and (q - distinct[-1][-1] < 1e-11 or _are_one(segment, free_lengths, moment, distinct[-1][-1], q)):
+            distinct[-1].append(q)
+        else:
+            distinct.append([q])
+    return [(cluster[0] + cluster[-1]) / 2 for cluster in distinct]
+
+
+def _are_one(
+    segment: DualTriangleSegment, free_lengths: tuple[float, float], moment: float, first: float, last: float
+) -> bool:
+    """Whether the torque between two zeros is nothing but rounding: then they are one."""
+    if last - first > _LARGEST_CLUSTER:
+        return False
+    q = np.linspace(first, last, 33)
+    rounding = abs(moment)
+    for k, free, spring in zip(
+        (segment.design.k1, segment.design.k2), free_lengths, segment.springs(np, q), strict=True
+    ):
+        rounding = rounding + k * (spring.length + abs(free)) * abs(spring.arm)
+    excess = np.abs(segment.torque(q, free_lengths) + moment)
+    return bool((excess <= _ROUNDING * rounding).all())
 
 
 def _merged(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -115,7 +181,7 @@ def is_monotone(segment: DualTriangleSegment, free_lengths: tuple[float, float])
             return False
         least, _ = stiffness_bounds(segment, free_lengths, low, high)
         left = (least <= 0) & (high - low > _NARROWEST)
-        low, high = np.concatenate([low[left], middle[left]]), np.concatenate([middle[left], high[left]])
+        low, high = _halved(low[left], high[left])
     return True
 
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, is_symbol, namespace_of
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
+from tensegrity_envs.mechanics.checks import check_finite, check_single
 from tensegrity_envs.mechanics.design import take
 from tensegrity_envs.mechanics.dual_triangle import one_segment
-from tensegrity_envs.mechanics.dual_triangle.checks import check_finite, check_single
 from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
 
 # Added to cos(theta/2), which no rounded angle makes smaller than 1e-17 unless it is exactly 0: changes nothing else.
@@ -200,9 +200,9 @@ class DualTriangleSegment:
         symmetric one that is [L0 b sin(q/2) - (b^2 - a^2) sin q - moment / (2 k)] / (a cos(q/2)), [Zhao2021, Eq. 4];
         Eq. 5 prints the moment with the opposite sign, which doubles the load instead of carrying it.
 
-        Of cables, one alone carries what both in tension cannot; where both would be slack, the input returned is the
-        one at which the carrying cable is just taut. (Beyond |q| = beta12, inside the stops only if a < b, both cables
-        turn the same way; a moment that they cannot carry leaves a residual torque.)
+        Of cables, one alone carries what both in tension cannot; without a moment both may be slack, equally so. Beyond
+        |q| = beta12, inside the stops only if a < b, both cables turn the same way: the one with the longer moment arm
+        carries what both in tension cannot, or is just taut where the torque left over is then the smallest.
         """
         xp = self._xp(q, moment, common)
         return self.control_of(xp, self.springs(xp, q), moment, common)
@@ -217,7 +217,11 @@ class DualTriangleSegment:
         if self.design.springs != "cable":
             return delta
         moment = moment + 0.0 * delta  # an array or tensor where delta is one
-        alone = xp.where(moment > 0, s2 - moment / t2, -moment / t1 - s1)
+        against = xp.where(moment > 0, s2 - moment / t2, xp.where(moment < 0, -moment / t1 - s1, (s2 - s1) / 2))
+        both = xp.maximum(s1 + s2, 0.0)  # times the shorter arm: the least torque that two cables can exert
+        by_first = xp.where(-moment >= -t2 * both, xp.maximum(-moment / t1, 0.0), 0.0) - s1
+        by_second = s2 - xp.where(moment >= -t1 * both, xp.maximum(moment / t2, 0.0), 0.0)
+        alone = xp.where(t1 * t2 > 0, against, xp.where(t1 > t2, by_first, by_second))
         return xp.where(xp.minimum(s1 + delta, s2 - delta) >= 0, delta, alone)
 
     def sensitivity(self, q: Component, moment: Component = 0.0, common: Component = 0.0) -> Component:

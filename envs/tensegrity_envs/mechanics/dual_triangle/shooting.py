@@ -1,184 +1,236 @@
-"""All equilibria of a chain, by shooting from the tip to the base.
+"""All equilibria of a chain, by boxes from the tip to the base.
 
 The direction phi_n of the last link fixes the load's moment about the last pivot, hence (on a stretch of angles where
 the torque is monotone) that segment's angle, hence the direction of the link before, and so on: one unknown, phi_n, and
-one equation, that the base has the direction 0. Every choice of one monotone stretch per segment is scanned; cells in
-which zeros may hide (ends of a stretch, extrema of the residual) are divided further. What is found is polished by
-Newton's method on the energy itself.
+one equation, that the base has the direction 0. An interval of phi_n gives intervals of all these. One whose last
+interval leaves 0 out holds no equilibrium; all others are divided, until Newton's method on the energy itself takes
+over. On stretches where both cables of a segment are slack, the moment has to be 0 and the angle is an unknown of its
+own, with an interval of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+from tensegrity_envs.mechanics.dual_triangle.one_segment import Stretch, stretches
 
 if TYPE_CHECKING:
     from tensegrity_envs.mechanics.dual_triangle.chain import DualTriangle
     from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment
 
-_SAMPLES = 2000
-_PARTS = 12  # that an interesting cell is divided into, each of so many times:
-_ROUNDS = 4
-_NEAR = 0.1  # [rad] residual at which an end or an extremum is tried as a solution
-_TABLE = 256  # points of a stretch: its inverse is interpolated, then improved by so many Newton steps:
-_STEPS = 2
+_CELLS = 64  # that the range of phi_n is divided into at first
+_PARTS = 4  # that a box is divided into in every round
+_SMALL = 2e-5  # [rad]: boxes of this width are handed to Newton's method
+_MOST_BOXES = 400_000
+_TABLE = 256  # points of a stretch, between which its inverse is bracketed
+_TIGHT = 4e-16  # relative: outward rounding
 
 
-class _Stretch(NamedTuple):
-    """A stretch of angles on which a segment's dU/dq is monotone, tabulated in ascending order of dU/dq."""
+class _Curve(NamedTuple):
+    """A stretch of angles on which a segment's dU/dq is monotone, tabulated in ascending order of dU/dq.
+
+    `slack` is the interval of angles in which both cables are, else None.
+    """
 
     angles: np.ndarray
     slopes: np.ndarray
+    slack: tuple[float, float] | None
 
 
-class _State(NamedTuple):
-    """Between two segments, on the way to the base, for many directions of the tip.
+class _Boxes(NamedTuple):
+    """Intervals of phi_n, shape (2, m), the curve chosen for every segment and its free angles, (n, m), (2, n, m).
 
-    The direction of the link [rad], the load's moment about its far pivot [N m], and the margin (negative outside) of
-    every moment so far in its stretch.
+    A free angle is that of a segment with slack cables; all other entries of `angles` are without meaning.
     """
 
-    direction: np.ndarray
-    moment: np.ndarray
-    margin: np.ndarray
+    phi: np.ndarray
+    choice: np.ndarray
+    angles: np.ndarray
+
+    def take(self, index: np.ndarray) -> _Boxes:
+        """The boxes at `index`."""
+        return _Boxes(self.phi[:, index], self.choice[:, index], self.angles[:, :, index])
 
 
-def _stretches(segment: DualTriangleSegment, pair: tuple[float, float]) -> list[_Stretch]:
-    limit = float(segment.design.joint_limit)
-    angles = -limit * np.cos(np.linspace(0.0, np.pi, 2001))
-    positive = np.asarray(segment.stiffness(angles, pair)) > 0
-    change = np.flatnonzero(positive[1:] != positive[:-1])
-    low, high, before = angles[change], angles[change + 1], positive[change]
-    for _ in range(60):
-        middle = (low + high) / 2
-        same = (np.asarray(segment.stiffness(middle, pair)) > 0) == before
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    ends = np.concatenate([[-limit], (low + high) / 2, [limit]])
-    stretches = []
-    for a, b in pairwise(ends):
-        table = (a + b) / 2 - (b - a) / 2 * np.cos(np.linspace(0.0, np.pi, _TABLE))
-        slopes = -np.asarray(segment.torque(table, pair))
-        if slopes[0] > slopes[-1]:
-            table, slopes = table[::-1], slopes[::-1]
-        if slopes[-1] - slopes[0] > 1e-12 * segment.stiffness_scale:  # else both cables are slack
-            stretches.append(_Stretch(table, np.maximum.accumulate(slopes)))
-    return stretches
+def _curve(segment: DualTriangleSegment, pair: tuple[float, float], stretch: Stretch) -> _Curve:
+    if stretch.sign == 0:
+        return _Curve(np.zeros(0), np.zeros(0), (stretch.low, stretch.high))
+    a, b = stretch.low, stretch.high
+    table = (a + b) / 2 - (b - a) / 2 * np.cos(np.linspace(0.0, np.pi, _TABLE))
+    slopes = -np.asarray(segment.torque(table, pair))
+    if stretch.sign < 0:
+        table, slopes = table[::-1], slopes[::-1]
+    return _Curve(table, np.maximum.accumulate(slopes), None)
 
 
-def _angle_on(
-    segment: DualTriangleSegment, pair: tuple[float, float], stretch: _Stretch, moment: np.ndarray
-) -> np.ndarray:
-    """The angle at which the springs balance a moment from outside; the end of the stretch where none does."""
-    angles, slopes = stretch
-    cell = np.clip(np.searchsorted(slopes, moment) - 1, 0, len(slopes) - 2)
-    a, b = angles[cell], angles[cell + 1]
+def _bracket(
+    segment: DualTriangleSegment, pair: tuple[float, float], curve: _Curve, moment: np.ndarray, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Angles between which the springs balance a moment within the curve's range, tighter after more steps."""
+    cell = np.clip(np.searchsorted(curve.slopes, moment) - 1, 0, _TABLE - 2)
+    a, b = curve.angles[cell], curve.angles[cell + 1]
     low, high = np.minimum(a, b), np.maximum(a, b)
-    q = np.interp(moment, slopes, angles)
-    rises = angles[-1] > angles[0]
-    for _ in range(_STEPS):
+    rises = curve.angles[-1] > curve.angles[0]
+    q = (low + high) / 2
+    for _ in range(steps):
         slope, stiffness = segment.slope_and_stiffness(np, segment.springs(np, q), pair)
         excess = slope - moment
         above = (excess > 0) == rises
         low, high = np.where(above, low, q), np.where(above, q, high)
         flat = np.abs(stiffness) < 1e-300
-        step = q - excess / np.where(flat, 1.0, stiffness)
-        q = np.where(flat | (step < low) | (step > high), (low + high) / 2, step)
-    return np.asarray(q)
+        # A little beyond Newton's point, so that the next one closes the bracket from the other side
+        step = q - 1.01 * excess / np.where(flat, 1.0, stiffness)
+        q = np.where(flat | ~(step > low) | ~(step < high), (low + high) / 2, step)
+    return low, high
+
+
+def _sinusoid(fx: float, fy: float, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The range of fy cos(phi) - fx sin(phi) on intervals of phi."""
+    size, top = np.hypot(fx, fy), np.arctan2(-fx, fy)
+    ends = size * np.cos(low - top), size * np.cos(high - top)
+    turn = 2 * np.pi
+    has_top = np.floor((high - top) / turn) >= np.ceil((low - top) / turn)
+    has_bottom = np.floor((high - top - np.pi) / turn) >= np.ceil((low - top - np.pi) / turn)
+    return np.where(has_bottom, -size, np.minimum(*ends)), np.where(has_top, size, np.maximum(*ends))
+
+
+class _Shooter:
+    """Intervals along the chain, from the tip to the base."""
+
+    def __init__(self, arm: DualTriangle, free_lengths: Sequence[float], load: Sequence[float]) -> None:
+        self.arm, self.n, self.segment = arm, arm.segments, arm.segment
+        self.pairs = [(float(free_lengths[2 * i]), float(free_lengths[2 * i + 1])) for i in range(self.n)]
+        self.curves = [
+            [_curve(self.segment, pair, stretch) for stretch in stretches(self.segment, pair)] for pair in self.pairs
+        ]
+        self.fx, self.fy = (float(f) for f in load)
+        self.limit = float(arm.design.joint_limit)
+        size = np.hypot(self.fx, self.fy) * float(arm.reach) + float(arm.stiffness_scale)
+        self.slop = 64 * _TIGHT * size
+
+    def moment(self, i: int, direction: np.ndarray, moment: np.ndarray) -> np.ndarray:
+        """Intervals of the load's moment about pivot i, from link i's direction and the moment about the next pivot."""
+        length = float(self.arm.link_lengths[i])
+        low, high = _sinusoid(length * self.fx, length * self.fy, direction[0], direction[1])
+        return np.stack([moment[0] + low - self.slop, moment[1] + high + self.slop])
+
+    def angle(self, i: int, k: int, moment: np.ndarray, free: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """Intervals of angle i on its curve k, and which of them there are."""
+        curve = self.curves[i][k]
+        if curve.slack is not None:
+            return free, (moment[0] <= 0) & (moment[1] >= 0)
+        least, most = curve.slopes[0] - self.slop, curve.slopes[-1] + self.slop
+        there = (moment[1] >= least) & (moment[0] <= most)
+        ends = [
+            _bracket(self.segment, self.pairs[i], curve, np.clip(end, curve.slopes[0], curve.slopes[-1]), steps)
+            for end in moment
+        ]
+        rises = curve.angles[-1] > curve.angles[0]
+        first, last = (ends[0], ends[1]) if rises else (ends[1], ends[0])
+        return np.stack([first[0], last[1]]), there
+
+    def seed(self) -> _Boxes:
+        """All boxes that may hold an equilibrium: every cell of phi_n with every choice of curves."""
+        n, widest = self.n, self.n * self.limit
+        edges = np.linspace(-widest, widest, _CELLS + 1)
+        boxes = _Boxes(np.stack([edges[:-1], edges[1:]]), np.zeros((n, _CELLS), int), np.zeros((2, n, _CELLS)))
+        direction, moment = boxes.phi, np.zeros((2, _CELLS))
+        for i in reversed(range(n)):
+            moment = self.moment(i, direction, moment)
+            kept = []
+            for k, curve in enumerate(self.curves[i]):
+                free = np.zeros_like(moment)
+                if curve.slack is not None:
+                    free[0], free[1] = curve.slack
+                q, there = self.angle(i, k, moment, free, 0)
+                after = np.stack([direction[0] - q[1], direction[1] - q[0]])
+                there &= (after[0] <= i * self.limit) & (after[1] >= -i * self.limit)
+                index = np.flatnonzero(there)
+                part = boxes.take(index)
+                part.choice[i], part.angles[:, i] = k, free[:, index]
+                kept.append((part, after[:, index], moment[:, index]))
+            boxes = _joined([part for part, _, _ in kept])
+            direction = np.concatenate([after for _, after, _ in kept], axis=1)
+            moment = np.concatenate([m for _, _, m in kept], axis=1)
+        return boxes
+
+    def angles(self, boxes: _Boxes, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """Intervals of all angles, shape (2, n, m), and which boxes may hold an equilibrium."""
+        direction, moment = boxes.phi, np.zeros_like(boxes.phi)
+        q, fine = np.zeros_like(boxes.angles), np.ones(boxes.phi.shape[1], bool)
+        for i in reversed(range(self.n)):
+            moment = self.moment(i, direction, moment)
+            for k in range(len(self.curves[i])):
+                index = np.flatnonzero((boxes.choice[i] == k) & fine)
+                if len(index):
+                    q[:, i, index], there = self.angle(i, k, moment[:, index], boxes.angles[:, i, index], steps)
+                    fine[index] &= there
+            direction = np.stack([direction[0] - q[1, i], direction[1] - q[0, i]])
+            fine &= (direction[0] <= i * self.limit) & (direction[1] >= -i * self.limit)
+        return q, fine & (direction[0] <= self.slop) & (direction[1] >= -self.slop)
+
+    def divided(self, boxes: _Boxes) -> _Boxes:
+        """Boxes divided along the widest of their intervals."""
+        slack = self._is_slack(boxes)
+        widths = np.concatenate(
+            [(boxes.phi[1] - boxes.phi[0])[None], np.where(slack, np.diff(boxes.angles, axis=0)[0], 0)]
+        )
+        along = widths.argmax(axis=0)
+        parts = []
+        for part in range(_PARTS):
+            phi, angles = boxes.phi.copy(), boxes.angles.copy()
+            for axis in range(self.n + 1):
+                index = np.flatnonzero(along == axis)
+                sides = phi[:, index] if axis == 0 else angles[:, axis - 1, index]
+                cut = np.stack([sides[0] + (sides[1] - sides[0]) * share / _PARTS for share in (part, part + 1)])
+                if axis == 0:
+                    phi[:, index] = cut
+                else:
+                    angles[:, axis - 1, index] = cut
+            parts.append(_Boxes(phi, boxes.choice.copy(), angles))
+        return _joined(parts)
+
+    def is_small(self, boxes: _Boxes) -> np.ndarray:
+        """Which boxes need not be divided any more."""
+        free = np.where(self._is_slack(boxes), np.diff(boxes.angles, axis=0)[0], 0.0)
+        return np.asarray((boxes.phi[1] - boxes.phi[0] < _SMALL) & (free < _SMALL).all(axis=0))
+
+    def _is_slack(self, boxes: _Boxes) -> np.ndarray:
+        table = [np.array([curve.slack is not None for curve in curves]) for curves in self.curves]
+        return np.stack([row[choice] for row, choice in zip(table, boxes.choice, strict=True)])
+
+
+def _joined(parts: Sequence[_Boxes]) -> _Boxes:
+    return _Boxes(*(np.concatenate(values, axis=-1) for values in zip(*parts, strict=True)))
 
 
 def candidates(arm: DualTriangle, free_lengths: Sequence[float], load: Sequence[float]) -> np.ndarray:
-    """Configurations next to every equilibrium, shape (n, any number)."""
-    segment, n = arm.segment, arm.segments
-    pairs = [(float(free_lengths[2 * i]), float(free_lengths[2 * i + 1])) for i in range(n)]
-    tables = [_stretches(segment, pair) for pair in pairs]
-    fx, fy = (float(f) for f in load)
-    scale = segment.stiffness_scale
+    """Configurations next to every equilibrium, shape (n, any number).
 
-    def step(i: int, stretch: _Stretch, state: _State) -> tuple[_State, np.ndarray]:
-        """Across segment i, towards the base."""
-        moment = state.moment + arm.link_lengths[i] * (fy * np.cos(state.direction) - fx * np.sin(state.direction))
-        low, high = stretch.slopes[0], stretch.slopes[-1]
-        margin = np.minimum(state.margin, np.minimum(moment - low, high - moment) / scale)
-        q = _angle_on(segment, pairs[i], stretch, np.clip(moment, low, high))
-        return _State(state.direction - q, moment, margin), q
-
-    def shoot(choice: Sequence[_Stretch], phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Direction left at the base, how far every moment is inside its stretch, and the configuration."""
-        state = _State(phi, np.zeros_like(phi), np.full_like(phi, np.inf))
-        q = np.empty((n, *phi.shape))
-        for i in reversed(range(n)):
-            state, q[i] = step(i, choice[i], state)
-        return state.direction, state.margin, q
-
-    widest = n * float(segment.design.joint_limit)
-    phi = np.linspace(-widest, widest, _SAMPLES + 1)
-    found = [np.empty((n, 0))]
-
-    def scan(i: int, chosen: tuple[_Stretch, ...], state: _State) -> None:
-        """Every choice for the segments i, i - 1, ... that some direction of the tip is compatible with."""
-        if i < 0:
-            found.append(_zeros(partial(shoot, chosen), phi))
-            return
-        for stretch in tables[i]:
-            there, _ = step(i, stretch, state)
-            if there.margin.max() > -2 * np.abs(np.diff(there.margin)).max():
-                scan(i - 1, (stretch, *chosen), there)
-
-    scan(n - 1, (), _State(phi, np.zeros_like(phi), np.full_like(phi, 1e3)))
-    return np.concatenate(found, axis=1)
+    Raises:
+        RuntimeError: there are too many boxes that may hold one: equilibria that form a continuum.
+    """
+    shooter = _Shooter(arm, free_lengths, load)
+    boxes, found, steps = shooter.seed(), [np.empty((arm.segments, 0))], 1
+    while boxes.phi.shape[1]:
+        q, fine = shooter.angles(boxes, steps)
+        small = shooter.is_small(boxes) & fine
+        found += [q[:, :, small].mean(axis=0)]
+        rest = boxes.take(np.flatnonzero(fine & ~small))
+        if rest.phi.shape[1] * _PARTS > _MOST_BOXES:
+            raise RuntimeError(f"equilibria of {arm.design} that form a continuum, or nearly so: no end of dividing")
+        boxes = shooter.divided(rest)
+        steps = min(steps + 2, 12)
+    return _thinned(np.concatenate(found, axis=1))
 
 
-def _zeros(shoot: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]], phi: np.ndarray) -> np.ndarray:
-    base, margin, q = shoot(phi)
-    for _ in range(_ROUNDS):
-        cells = _interesting(phi, base, margin)
-        if not len(cells):
-            break
-        inner = np.arange(1, _PARTS) / _PARTS
-        new = (phi[cells, None] + (phi[cells + 1] - phi[cells])[:, None] * inner).ravel()
-        more = shoot(new)
-        order = np.argsort(np.concatenate([phi, new]), kind="stable")
-        phi = np.concatenate([phi, new])[order]
-        base = np.concatenate([base, more[0]])[order]
-        margin = np.concatenate([margin, more[1]])[order]
-        q = np.concatenate([q, more[2]], axis=1)[:, order]
-    valid = margin >= 0
-    cell = np.flatnonzero(valid[1:] & valid[:-1] & (base[1:] * base[:-1] <= 0))
-    low, high, sign = phi[cell], phi[cell + 1], np.sign(base[cell])
-    for _ in range(16 if len(cell) else 0):
-        middle = (low + high) / 2
-        same = np.sign(shoot(middle)[0]) == sign
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    crossings = shoot((low + high) / 2)[2] if len(cell) else np.empty((len(q), 0))
-    size = np.where(valid, np.abs(base), np.inf)
-    padded = np.concatenate([[np.inf], size, [np.inf]])
-    least = (size <= padded[:-2]) & (size <= padded[2:]) & (size < _NEAR)
-    return np.concatenate([crossings, q[:, least]], axis=1)
-
-
-def _interesting(phi: np.ndarray, base: np.ndarray, margin: np.ndarray) -> np.ndarray:
-    """Cells at the ends of the valid range, and next to extrema of residual and margin that may hide zeros."""
-    valid = margin >= 0
-    marked = np.zeros(len(phi), bool)
-    edge = np.flatnonzero(valid[1:] != valid[:-1])
-    inner = np.arange(1, len(phi) - 1)
-    size = np.where(valid, np.abs(base), np.inf)
-    dip = valid[1:-1] & (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])
-    dip &= (base[:-2] * base[1:-1] > 0) & (base[2:] * base[1:-1] > 0)  # else it is a crossing
-    around = np.abs(base[:-2] - base[1:-1]) + np.abs(base[2:] - base[1:-1])
-    dip &= size[1:-1] < 4 * around + 1e-12
-    turn = (margin[1:-1] - margin[:-2]) * (margin[2:] - margin[1:-1]) <= 0
-    change = np.abs(margin[1:-1] - margin[:-2]) + np.abs(margin[2:] - margin[1:-1])
-    turn &= np.abs(margin[1:-1]) < 4 * change
-    marked[inner[dip | turn]] = True
-    marked[inner[dip | turn] - 1] = True
-    marked[edge] = True
-    cells = np.flatnonzero(marked[:-1])
-    return np.asarray(cells[phi[cells + 1] - phi[cells] > 1e-12])
+def _thinned(points: np.ndarray) -> np.ndarray:
+    """One of all points that are next to one another: boxes around an equilibrium come in clusters."""
+    _, index = np.unique(np.round(points / (10 * _SMALL)), axis=1, return_index=True)
+    return points[:, index]
 
 
 def polish(arm: DualTriangle, free_lengths: Sequence[float], load: Sequence[float], points: np.ndarray) -> np.ndarray:

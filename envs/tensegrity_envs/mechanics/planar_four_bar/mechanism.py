@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, is_symbol, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, as_components, detached, is_symbol, namespace_of
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.mechanics.planar_four_bar import equilibria as _equilibria
@@ -308,7 +308,7 @@ class PlanarFourBar:
         if len(lengths) != 2:
             raise ValueError(f"lengths = {lengths!r}: two numbers are expected, (rho1, rho2) [m]")
         for name, value in zip(self.input_names, lengths, strict=True):
-            array = np.asarray(value, float)
+            array = np.asarray(detached(value), float)
             if not np.all(np.isfinite(array) & (array >= 0) & (array <= 2 * np.asarray(self.length))):
                 raise ValueError(f"{name} = {value!r}: must be within [0, 2 L] = [0, {2 * self.length!r}] m")
 
@@ -394,8 +394,8 @@ class PlanarFourBar:
             ValueError: lengths are out of [0, 2 L].
         """
         self.check_lengths(lengths)
-        inputs, forces = (tuple(v if np.ndim(v) else float(v) for v in values) for values in (lengths, load))
-        return _equilibrium.settle(_statics, start, (self.design, inputs, forces), 4 * math.pi)
+        parameters = (self.design, as_components(lengths), as_components(load))
+        return _equilibrium.settle(_statics, start, parameters, 4 * math.pi)
 
     # ---------------------------------------------------------------------------------------------- velocities
 

@@ -5,14 +5,18 @@ body, which stay at rest, and where bodies share a point (a hinge). A tree of hi
 hinges outside the tree close loops. Positions are complex numbers x + i y [m] here.
 """
 
-import cmath
 from dataclasses import dataclass
-from itertools import product
+from functools import cached_property
+from itertools import product as pairs_of
 from typing import Any
 
 import numpy as np
 
+from tensegrity_envs.compiler.kernel import Kernel
+from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
+from tensegrity_envs.compiler.pytree import Layout
 from tensegrity_envs.mechanics.design import Member
+from tensegrity_envs.mechanics.polynomials import product
 
 FLIP_LIMIT = 2.6  # |q| [rad] up to which the crossed assembly of a loop is kept by joint limits
 _SAME = 1e-9  # relative: positions that differ by less are one
@@ -85,7 +89,7 @@ class Linkage:
         span = FLIP_LIMIT if turns_freely else min(float(np.min(mechanism.design.joint_limit)), FLIP_LIMIT)
         self.limit = np.inf if turns_freely else span
         inside = np.random.default_rng(0).uniform(-span, span, (_SAMPLES, self.size))
-        corners = np.array(list(product((-span, 0.0, span), repeat=self.size)))
+        corners = np.array(list(pairs_of((-span, 0.0, span), repeat=self.size)))
         samples = np.concatenate([inside, corners])
         nodes = self._nodes_at(samples)
         self.reference = self.nodes_of(mechanism)
@@ -224,13 +228,18 @@ class Linkage:
             angles.append(np.angle(turns[-1] / turns[body.parent]))
         return np.stack(angles, axis=-1)
 
+    def _read(self, angles: np.ndarray) -> np.ndarray:
+        """reading @ angles, for shapes (..., bodies - 1), to the same last digit whatever the shape."""
+        rows = np.reshape(angles, (-1, np.shape(angles)[-1]))
+        return product(rows, self.reading.T).reshape(*np.shape(angles)[:-1], self.size)
+
     def configuration(self, angles: np.ndarray) -> np.ndarray:
         """q [rad], (..., n), at joint angles of shape (..., bodies - 1)."""
-        return np.asarray(angles @ self.reading.T)
+        return self._read(angles)
 
     def velocity(self, angles: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """The rate of q [rad/s], (..., n), at joint rates of shape (..., bodies - 1)."""
-        return np.asarray(rates @ self.reading.T)
+        return self._read(rates)
 
     def rates_by_configuration(self, angles: np.ndarray) -> np.ndarray:
         """d joint angles / d q that keeps the loops closed, shape (bodies - 1, n)."""
@@ -299,18 +308,35 @@ class Linkage:
     def assembly_error(self, angles: np.ndarray) -> np.ndarray:
         """Largest |left right / (l^2 - b^2) - 1| of the X-joints [-]: far from 0 where one flipped; 0 without them."""
         angles = np.asarray(angles, float)
-        # Plain complex numbers for one, arrays for many: for one, NumPy's calls would cost more than its physics.
-        one = angles.ndim == 1
-        turns = [cmath.exp(1j * angle) for angle in angles.tolist()] if one else np.moveaxis(np.exp(1j * angles), -1, 0)
-        frames: list[tuple[Any, Any]] = [(0j, 1 + 0j)]
-        for (parent, hinge), turn in zip(self._chain, turns, strict=True):
-            origin, orientation = frames[parent]
-            frames.append((origin + orientation * hinge, orientation * turn))
-        error: Any = 0.0 if one else np.zeros(angles.shape[:-1])
+        if not self._sides:
+            return np.zeros(angles.shape[:-1])
+        columns = np.ascontiguousarray(angles.reshape(-1, angles.shape[-1]).T)
+        return np.asarray(self._assembly(columns)[0].reshape(angles.shape[:-1]))
+
+    @cached_property
+    def _assembly(self) -> Kernel:
+        """Compiled: what arrays and numbers compute differs in the last digit."""
+        return Kernel(self._largest_error, Layout(tuple(np.zeros(1) for _ in self._chain)))
+
+    def _largest_error(self, angles: Components) -> tuple[Component]:
+        """See `assembly_error`, on components."""
+        xp = namespace_of(angles[0])
+        frames: list[tuple[Component, ...]] = [(0.0, 0.0, 1.0, 0.0)]  # position, cosine and sine of the orientation
+        for (parent, hinge), angle in zip(self._chain, angles, strict=True):
+            _, _, c, s = frames[parent]
+            cosine, sine = xp.cos(angle), xp.sin(angle)
+            frames.append((*_place(frames[parent], hinge), c * cosine - s * sine, s * cosine + c * sine))
+        error: Component = 0.0
         for sides, value in self._sides:
-            product = 1.0
+            ratio = 1.0 / value
             for (i, first), (j, second) in sides:
-                product = product * abs(frames[i][0] + frames[i][1] * first - frames[j][0] - frames[j][1] * second)
-            off = abs(product / value - 1)
-            error = max(error, off) if one else np.maximum(error, off)
-        return np.asarray(error)
+                (x1, y1), (x2, y2) = _place(frames[i], first), _place(frames[j], second)
+                ratio = ratio * xp.hypot(x1 - x2, y1 - y2)
+            error = xp.maximum(error, abs(ratio - 1.0))
+        return (error,)
+
+
+def _place(frame: tuple[Component, ...], point: complex) -> tuple[Component, Component]:
+    """Where a point of a body is, whose position, cosine and sine are given."""
+    x, y, c, s = frame
+    return x + (c * point.real - s * point.imag), y + (s * point.real + c * point.imag)

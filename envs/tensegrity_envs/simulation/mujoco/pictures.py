@@ -15,7 +15,6 @@ from tensegrity_envs.simulation.mujoco.model import MujocoModel
 _CURVE = (0.85, 0.24, 0.05, 0.6)
 _TARGET, _TRACE, _LOAD = (0.85, 0.24, 0.05, 0.35), (0.10, 0.44, 0.76, 0.5), (0.84, 0.16, 0.16, 1.0)
 _TRACE_LENGTH = 60  # positions
-_LARGEST = 4096  # pixels
 
 
 class Pictures:
@@ -29,12 +28,12 @@ class Pictures:
         self._owner = model
         self._model = copy(model.model)
         self._data = mujoco.MjData(self._model)
-        self._renderers: dict[tuple[int, bool], Any] = {}
+        self._renderers: dict[tuple[tuple[int, int], bool], Any] = {}
         self._viewer: Any = None
         self._threads: set[threading.Thread] = set()
 
-    def rgb(self, physics: np.ndarray, scene: Scene, size: int) -> np.ndarray:
-        """The picture, shape (size, size, 3), uint8.
+    def rgb(self, physics: np.ndarray, scene: Scene, size: tuple[int, int]) -> np.ndarray:
+        """The picture of this width and height, shape (height, width, 3), uint8.
 
         Raises:
             RuntimeError: there is no GL library; the message names one.
@@ -45,8 +44,8 @@ class Pictures:
         self._decorate(renderer.scene, scene)
         return np.asarray(renderer.render())
 
-    def depth(self, physics: np.ndarray, scene: Scene, size: int) -> np.ndarray:
-        """Distances from the camera [m], shape (size, size), float32.
+    def depth(self, physics: np.ndarray, scene: Scene, size: tuple[int, int]) -> np.ndarray:
+        """Distances from the camera [m], shape (height, width), float32.
 
         Raises:
             RuntimeError: there is no GL library; the message names one.
@@ -93,16 +92,15 @@ class Pictures:
                 thread.join(timeout=10)
             self._viewer = None
 
-    def _renderer(self, size: int, depth: bool) -> Any:
+    def _renderer(self, size: tuple[int, int], depth: bool) -> Any:
         key = (size, depth)
         if key not in self._renderers:
-            if not 1 <= size <= _LARGEST:
-                raise ValueError(f"render_size = {size!r}: must be from 1 to {_LARGEST} pixels")
             require_gl()
             vision = self._model.vis.global_
-            vision.offwidth, vision.offheight = max(vision.offwidth, size), max(vision.offheight, size)
+            width, height = size
+            vision.offwidth, vision.offheight = max(vision.offwidth, width), max(vision.offheight, height)
             try:
-                renderer = mujoco.Renderer(self._model, size, size)
+                renderer = mujoco.Renderer(self._model, height, width)
             except Exception as error:  # of the GL library, which differ by kind
                 raise RuntimeError(f"MuJoCo cannot draw ({error}): {GL_HELP}") from error
             if depth:

@@ -5,16 +5,21 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.compiler.namespace import Component, detached
 
 
 def check_finite(name: str, values: Sequence[Component], count: int) -> None:
     """Raise ValueError unless these are `count` finite numbers (or arrays of them)."""
+    check_count(name, values, count)
+    for value in values:
+        if not np.all(np.isfinite(np.asarray(detached(value), float))):
+            raise ValueError(f"{name} = {values!r}: must be finite numbers")
+
+
+def check_count(name: str, values: Sequence[Component], count: int) -> None:
+    """Raise ValueError unless there are `count` components. Traceable: their values are not looked at."""
     if len(values) != count:
         raise ValueError(f"{name}: {count} numbers expected, got {len(values)}: {values!r}")
-    for value in values:
-        if not np.all(np.isfinite(np.asarray(value, float))):
-            raise ValueError(f"{name} = {values!r}: must be finite numbers")
 
 
 def check_single(probe: Any, what: str) -> None:

@@ -1,0 +1,91 @@
+"""Targets and starts of one's own: what is feasible begins there, what is not is refused with the reason."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import tensegrity_envs  # noqa: F401
+
+# id, a feasible target, a feasible start, and what the message says of an infeasible target and start
+CASES = {
+    "TwoXReach": ((0.1, 0.45), (0.3, -0.2), ((0.9, 0.9), "no stable"), ((0.0, 2.9), "joint limits")),
+    "TwoXTensionReach": ((0.1, 0.45), (0.3, -0.2), ((0.9, 0.9), "no stable"), ((2.5, 2.5), "not stable")),
+    "TwoXPayloadReach": ((0.1, 0.45), (0.3, -0.2), ((0.9, 0.9), "no stable"), ((2.5, 2.5), "not stable")),
+    "TwoXTensionReachMuJoCo": ((0.1, 0.45), (0.3, -0.2), ((0.9, 0.9), "no stable"), ((2.5, 2.5), "not stable")),
+    "DualTriangleReach": ((0.2, 0.1), (0.3, -0.2, 0.1), ((0.9, 0.0), "out of reach"), ((3.0, 0, 0), "joint limits")),
+    "DualTriangleReachMuJoCo": ((0.2, 0.1), (0.3, 0, 0.1), ((0.9, 0.0), "out of reach"), ((3, 0, 0), "joint limits")),
+    "DualTrianglePush": ((0.28, 0.0), None, ((0.2, 0.1), "must be"), ((0.5, 0.5, 0.5), r"must be \(x, 0\)")),
+    "TwoXPostureChange": (None, (-0.85, -0.9), ((0.0, 0.0), "singular"), ((0.0, 0.0), "singular")),
+    "PlanarFourBarReach": ((9.0, 16.0), None, ((90.0, 0.0), "no stable state"), ((0.3, 0.2), "cannot be chosen")),
+    "SpatialPrismTrack": (None, None, ((0.0, 0.0, 0.5), "curve"), ((0.0, 0, 0.5, 0, 0, 0), "curve")),
+}
+
+
+def make(name):
+    if "MuJoCo" in name:
+        pytest.importorskip("mujoco")
+    return gym.make(f"tensegrity/{name}-v0").unwrapped
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_chosen_episodes(name):
+    env = make(name)
+    target, start, *_ = CASES[name]
+    drawn, _ = env.reset(seed=1)
+    if target is not None:
+        observation, info = env.reset(seed=1, options={"target": target})
+        np.testing.assert_allclose(observation["desired_goal"], target, atol=1e-7)
+        reward = env.compute_reward(observation["achieved_goal"], observation["desired_goal"], info)
+        assert np.isfinite(reward)
+        assert env.observation_space.contains(observation)
+        *_, info = env.step(np.zeros(env.action_space.shape))
+        assert np.isfinite(info[env.core.error_name])
+    if start is not None:
+        observation, info = env.reset(seed=1, options={"configuration": start})
+        np.testing.assert_array_equal(observation["desired_goal"], drawn["desired_goal"])
+        if "Payload" not in name:  # whose arm sags
+            np.testing.assert_allclose(info["configuration"], start, atol=1e-6)
+    if target is not None and start is not None:
+        observation, info = env.reset(options={"target": target, "configuration": start})
+        np.testing.assert_allclose(observation["desired_goal"], target, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_infeasible_episodes_are_refused_and_change_nothing(name):
+    env, twin = make(name), make(name)
+    for environment in (env, twin):
+        environment.reset(seed=1)
+    for option, (value, message) in zip(("target", "configuration"), CASES[name][2:], strict=True):
+        with pytest.raises(ValueError, match=message):
+            env.reset(options={option: value})
+        for bad in (value[:-1], (*value[:-1], np.nan), "far", [None] * len(value)):
+            with pytest.raises(ValueError, match=f"'{option}'"):
+                env.reset(options={option: bad})
+    action = np.full(env.action_space.shape, 0.1)
+    for mine, other in zip(env.step(action)[0].values(), twin.step(action)[0].values(), strict=True):
+        np.testing.assert_array_equal(mine, other)
+    for mine, other in zip(env.reset()[0].values(), twin.reset()[0].values(), strict=True):
+        np.testing.assert_array_equal(mine, other)
+
+
+def test_a_target_in_another_piece_of_the_feasible_set_is_refused():
+    """With half a kilogram the set falls apart: some targets cannot be reached from some starts."""
+    env = gym.make("tensegrity/TwoXTensionReach-v0", design={"payload": 0.5}).unwrapped
+    other = gym.make("tensegrity/TwoXTensionReach-v0", design={"payload": 0.5}).unwrapped
+    refused = 0
+    for seed in range(40):
+        goal = other.reset(seed=seed)[0]["desired_goal"]
+        env.reset(seed=0)
+        try:
+            env.reset(seed=0, options={"target": goal})
+        except ValueError as error:
+            assert "another piece" in str(error)
+            refused += 1
+    assert 0 < refused < 40
+
+
+def test_a_chosen_episode_takes_the_place_of_a_drawn_one():
+    env, twin = make("TwoXReach"), make("TwoXReach")
+    env.reset(seed=3, options={"target": (0.1, 0.45)})
+    twin.reset(seed=3)
+    np.testing.assert_array_equal(env.reset()[0]["desired_goal"], twin.reset()[0]["desired_goal"])
