@@ -628,7 +628,7 @@ class Core(ABC):
 
     def places(self, drawn: Drawn) -> Iterable[Any]:
         """Positions [m] of the nodes of planar arms at the start of episodes, for the frame of pictures."""
-        return self.nominal.nodes(drawn.configuration).values()
+        return list(self.nominal.nodes(drawn.configuration).values())
 
     @cached_property
     def frame(self) -> tuple[tuple[float, float], float]:

@@ -439,9 +439,10 @@ def _draw_mechanism(canvas: _Canvas, scene: Scene) -> None:
     trace = [view.pixel(position) for position in scene.trace[-_TRACE_LENGTH:]]
     for i, (start, end) in enumerate(pairwise(trace)):
         canvas.line(start, end, 2.2 * view.unit, _mix(_TIP, 0.1 + 0.6 * (i + 1) / len(trace)))
-    for member in scene.members if scene.ghost is not None else ():
-        if member.kind == "bar":
-            start, end = (view.pixel(scene.ghost[name]) for name in member.nodes)
+    ghost = scene.ghost or {}
+    for member in scene.members:
+        if member.kind == "bar" and ghost:
+            start, end = (view.pixel(ghost[name]) for name in member.nodes)
             canvas.line(start, end, 4.6 * u, _mix(_TARGET, 0.3))
     base = [nodes[name] for name in (list(nodes)[:2] if scene.base is None else scene.base)]
     if base:

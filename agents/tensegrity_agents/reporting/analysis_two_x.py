@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 
-from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _note, _styled
+from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _note, _styled, without_jumps
 from tensegrity_envs.mechanics.accessibility import PI, Accessibility, tip_curve, wrapped
 from tensegrity_envs.mechanics.overlay import Image
 from tensegrity_envs.mechanics.regions import LIMIT, Interval, Traced
@@ -184,7 +184,6 @@ def inverse_solutions(mechanism: TwoX, solutions: Sequence[InverseSolution], tar
         axes.set(aspect="equal", xlabel="x [m]")
         axes.grid(visible=False)
     panels[0].set_ylabel("y [m]")
-    figure.suptitle(f"tip at ({target[0]:g}, {target[1]:g})", fontsize=9.5)
     return figure
 
 
@@ -341,7 +340,7 @@ def boundary_scan(mechanism: TwoX, intervals: Sequence[Interval], fixed: float, 
                 f"{end:.5f}", (end, 0), xytext=(0, -13), textcoords="offset points", ha="center", fontsize=7.5
             )
     for name, values in margins.items():
-        left.plot(s, values, color=_CONDITIONS.get(name, _INK), linewidth=1.3, label=name)
+        left.plot(s, without_jumps(values), color=_CONDITIONS.get(name, _INK), linewidth=1.3, label=name)
     left.axhline(0, color=_INK, linewidth=0.8)
     left.set(xlim=(-PI, PI), ylim=(-1, 2), xlabel=_ANGLES[0], ylabel="margins [-]")
     left.set_title(rf"slice $\alpha_2$ = {fixed:g}")

@@ -213,7 +213,7 @@ class PlanarFourBarReach(Core):
 
     def places(self, drawn: Drawn) -> Iterable[Any]:
         """See `Core.places`."""
-        return self.nominal.nodes(drawn.configuration, drawn.inputs).values()
+        return list(self.nominal.nodes(drawn.configuration, drawn.inputs).values())
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""

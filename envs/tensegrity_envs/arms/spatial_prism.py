@@ -177,7 +177,7 @@ class SpatialPrismTrack(Core):
         return Episode(design, load, (), goal, onset=onset, motion=motion, cycle=self.cycle)
 
     @property
-    def frame(self) -> tuple[tuple[float, float], float]:  # type: ignore[override]
+    def frame(self) -> tuple[tuple[float, float], float]:
         """See `Core.frame`; of the projection."""
         return (0.0, 0.0), 0.95 * float(self.design.D)
 
