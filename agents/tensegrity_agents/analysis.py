@@ -24,6 +24,7 @@ from tensegrity_agents.reporting import analysis_planar_four_bar as four_bar
 from tensegrity_agents.reporting import analysis_spatial_prism as spatial
 from tensegrity_agents.reporting import analysis_two_x as draw
 from tensegrity_agents.reporting.analysis_page import write_page
+from tensegrity_agents.reporting.browse_mechanisms import dual_triangle_page, four_bar_page, spatial_prism_page
 from tensegrity_agents.reporting.figures import save
 from tensegrity_envs.mechanics import accessibility, workspace
 from tensegrity_envs.mechanics.dual_triangle import (
@@ -181,7 +182,7 @@ TITLES = {
 
 
 def _save(figure: Figure, stem: Path, remark: str = "") -> None:
-    """Write a figure under its title and the name of its design, which is that of its folder, if there is one design."""
+    """Write a figure under its title and the name of its design, which is that of its folder."""
     name = "" if stem.name == "furet_fig3_boundaries" else stem.parent.name
     save(figure, stem, ": ".join(part for part in (name, TITLES[stem.name] + remark) if part))
 
@@ -372,10 +373,12 @@ def _analyze_dual_triangle(
             "critical_load": partial(dual.critical_load_map, arm),
             "workspace": partial(dual.workspace, arm),
         }
-        step = _Steps(name, len(drawings), progress)
+        step = _Steps(name, len(drawings) + 1, progress)
         for stem, drawing in drawings.items():
             step(stem)
             _save(drawing(), folder / stem)
+        step("page")
+        dual_triangle_page(arm, folder / "browse.html", f"Workspace without a load: {name}")
         step.finish()
     return {name: dual.numbers(arm) for name, arm in arms.items()}
 
@@ -388,7 +391,7 @@ def _analyze_planar_four_bar(
         folder = out / name
         folder.mkdir(parents=True, exist_ok=True)
         arm, l = PlanarFourBar(design), float(design.length)
-        progress(name, 0, 7, "workspaces")
+        progress(name, 0, 8, "workspaces")
         tips = {mode: output_workspace(arm, mode) for mode in MODES}
         drawings: dict[str, Callable[[], Figure]] = {
             "ji_fig2_actuator_workspace": partial(four_bar.actuator_workspaces, arm),
@@ -397,7 +400,7 @@ def _analyze_planar_four_bar(
             "thrusts": partial(four_bar.thrust_map, arm),
             "energy_landscape": partial(four_bar.energy_landscape, arm, (1.4 * l, 1.2 * l)),
         }
-        step = _Steps(name, len(drawings) + 2, progress)
+        step = _Steps(name, len(drawings) + 3, progress)
         for stem, drawing in drawings.items():
             step(stem)
             _save(drawing(), folder / stem)
@@ -406,6 +409,8 @@ def _analyze_planar_four_bar(
             inputs = actuator_workspace(arm, mode).trace()
             _write_geojson(inputs.to_features(), folder / f"actuator_{mode}.geojson", coordinates="rho1, rho2 [m]")
             _write_geojson(tips[mode].to_features(), folder / f"output_{mode}.geojson", coordinates="x, y [m]")
+        step("page")
+        four_bar_page(arm, tips, folder / "browse.html", f"Output workspace: {name}")
         step("numbers")
         table[name] = four_bar.numbers(arm, tips)
         step.finish()
@@ -430,10 +435,12 @@ def _analyze_spatial_prism(
             "pictures": partial(spatial.pictures, prism),
             "workspace": partial(spatial.workspace, prism),
         }
-        step = _Steps(name, len(drawings), progress)
+        step = _Steps(name, len(drawings) + 1, progress)
         for stem, drawing in drawings.items():
             step(stem)
             _save(drawing(), folder / stem)
+        step("page")
+        spatial_prism_page(prism, folder / "browse.html", f"Spatial prism: {name}")
         step.finish()
         numbers[name] = spatial.numbers(prism)
     return numbers

@@ -16,7 +16,7 @@ def faults(figure) -> list[str]:
             axis = getattr(axes, f"{name}axis")
             ticks = [tick for tick in axis.get_ticklabels() if tick.get_visible() and tick.get_text()]
             label = axis.get_label().get_text()
-            numbers = [tick for tick in ticks if re.fullmatch(r"[−\-]?[\d.$\\{}×^]+|.*\\pi.*", tick.get_text())]
+            numbers = [tick for tick in ticks if re.fullmatch(r"\W?[\d.$\\{}^\W]+|.*\\pi.*", tick.get_text())]
             if label and not UNIT.search(label.strip()) and label not in ("step", "steps"):
                 found.append(f"{name} label {label!r} has no unit")
             row = [label] + [

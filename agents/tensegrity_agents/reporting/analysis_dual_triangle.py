@@ -9,14 +9,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from contourpy import contour_generator
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from tensegrity_agents.reporting.dual_triangle_fields import STEEP, Field, beyond, maximum, room, stiffness
+from tensegrity_agents.reporting.dual_triangle_fields import STEEP, Field, beyond, maximum, region_of, room, stiffness
 from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _note, _styled, without_jumps
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 
@@ -142,7 +141,7 @@ def control_over_targets(arms: Sequence[tuple[str, DualTriangle]]) -> Figure:
                 axes.plot(y / b, shown, color=colour, label=f"x = {x:g} b", linewidth=1.2)
         for i, axes in enumerate(row):
             axes.set_title(f"{name}, segment {i + 1}", fontsize=9)
-        row[0].set_ylabel("control Δ / b [-]")
+            axes.set_ylabel(rf"$\Delta_{i + 1}$ / b [-]")
     for axes in panels[-1]:
         axes.set_xlabel("target y / b [-]")
     figure.legend(handles=panels[0][0].get_legend_handles_labels()[0], loc="outside lower center", ncols=3)
@@ -216,12 +215,6 @@ def _filled(axes: Axes, field: Field, values: np.ndarray, **colours: Any) -> Any
     return drawn
 
 
-def area(field: Field) -> float:
-    """Of where the field is positive [b^2]."""
-    rings = contour_generator(field.x, field.y, field.value).lines(0.0)
-    return abs(sum(np.sum(r[:-1, 0] * r[1:, 1] - r[1:, 0] * r[:-1, 1]) / 2 for r in map(np.asarray, rings)))
-
-
 @_styled
 def workspace(arm: DualTriangle) -> Figure:
     """Where the tip can be without a load: how far the best posture is from its limits, and the arm in three places."""
@@ -252,9 +245,7 @@ def loaded_workspace(arm: DualTriangle, multiples: Sequence[float] = (0.0, 0.75,
         image = _filled(axes, field, field.value, levels=levels, cmap="viridis")
         axes.set_title(f"push {multiple:g} $P_1$" if multiple else "no load")
     panels[0].set_ylabel("y / b [-]")
-    figure.colorbar(
-        image, ax=list(panels), shrink=0.8, format="%.2g", label="best smallest\nstiffness / (k b²) [-]"
-    )
+    figure.colorbar(image, ax=list(panels), shrink=0.8, format="%.2g", label="best smallest\nstiffness / (k b²) [-]")
     return figure
 
 
@@ -280,7 +271,13 @@ def critical_load_map(arm: DualTriangle) -> Figure:
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, values, title in zip(panels, (highest, lowest), ("best posture", "worst posture"), strict=True):
         image = _filled(
-            axes, best, np.clip(values, low, 2 * top), levels=levels, cmap="cividis", norm=LogNorm(low, top), extend="max"
+            axes,
+            best,
+            np.clip(values, low, 2 * top),
+            levels=levels,
+            cmap="cividis",
+            norm=LogNorm(low, top),
+            extend="max",
         )
         axes.set_title(title)
     panels[0].set_ylabel("y / b [-]")
@@ -307,7 +304,7 @@ def numbers(arm: DualTriangle) -> dict[str, Any]:
         table[f"critical push of the straight arm, mode {m} [k b]"] = load / (k * b)
         table[f"critical push of the straight arm, mode {m} [N]"] = load
     branch = arm.buckled_branch(1, 1, max_load=20 * loads[0])
-    table["workspace without a load [m2]"] = area(maximum(arm, room(arm), _FINE)) * b * b
+    table["workspace without a load [m2]"] = region_of(maximum(arm, room(arm), _FINE), b).area
     table["push at the end of the buckled branch [k b]"] = float(branch.load[-1]) / (k * b)
     table["why it ends"] = branch.reason
     return table

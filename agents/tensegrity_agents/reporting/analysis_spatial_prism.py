@@ -50,7 +50,7 @@ def forces_along(prism: SpatialPrism, name: str) -> Figure:
 
 
 def _sector(prism: SpatialPrism, rings: int, rays: int) -> tuple[np.ndarray, np.ndarray]:
-    """A polar grid over a third of a disc: x and y [m], shape (rays, rings). The prism has a symmetry of three thirds."""
+    """A polar grid over a third of a disc, of which the prism has three alike: x and y [m], shape (rays, rings)."""
     radius = 1.2 * float(prism.design.D) * np.linspace(0.0, 1.0, rings)
     angle = np.linspace(0.0, 2 * math.pi / 3, rays)[:, None]
     return radius * np.cos(angle), radius * np.sin(angle)

@@ -1,7 +1,7 @@
 """What a dual-triangle arm of three segments can do at a point, over all postures with the tip there.
 
-The postures with the tip at one point are closed curves (`mechanics.dual_triangle.self_motion`). A measure of postures is
-maximized along them, so that its maximum is a continuous function of the point, and where it is zero is the boundary.
+The postures with the tip at one point are closed curves (`mechanics.dual_triangle.self_motion`). A measure of postures
+is maximized along them: its maximum is a continuous function of the point, and where it is zero is the boundary.
 """
 
 from collections.abc import Callable
@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
+from contourpy import contour_generator
 from scipy.ndimage import distance_transform_edt
 
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle
@@ -63,15 +65,22 @@ def stiffness(arm: DualTriangle, load: tuple[float, float]) -> Measure:
     return measure
 
 
-def maximum(arm: DualTriangle, measure: Measure, cells: int = 100) -> Field:
-    """The largest value of a measure at each point of a grid that covers the workspace, for arms and loads that are
-    mirror images of themselves.
+def maximum(arm: DualTriangle, measure: Measure, cells: int = 100, mirrored: bool = True) -> Field:
+    """The largest value of a measure at each point of a grid that covers the workspace.
+
+    Args:
+        arm: of three segments.
+        measure: of postures.
+        cells: columns of the grid.
+        mirrored: whether arm and measure are mirror images of themselves, so that a half is enough.
     """
     links, b = arm._plain_links(), float(arm.design.b1)
     reach = 2 * links.long + links.short
     x = np.linspace(links.pivot - 1.02 * reach, links.pivot + 1.02 * reach, cells)
     step = x[1] - x[0]
     y = np.arange(int(1.02 * reach / step) + 2) * step
+    if not mirrored:
+        y = np.concatenate([-y[:0:-1], y])
     px, py = (np.ravel(v) for v in np.meshgrid(x, y))
     value, best = np.full(px.shape, -np.inf), np.full((3, px.size), np.nan)
     for index, curve in self_motions(px, py, *links):
@@ -96,10 +105,10 @@ def maximum(arm: DualTriangle, measure: Measure, cells: int = 100) -> Field:
 
     def whole(half: np.ndarray, sign: float) -> np.ndarray:
         half = half.reshape(len(y), len(x))
-        return np.concatenate([sign * half[:0:-1], half])
+        return np.concatenate([sign * half[:0:-1], half]) if mirrored else half
 
-    rows = np.concatenate([-y[:0:-1], y])
-    return Field(x / b, rows / b, whole(value, 1.0), np.array([whole(angle, -1.0) for angle in best]))
+    places_y = np.concatenate([-y[:0:-1], y]) if mirrored else y
+    return Field(x / b, places_y / b, whole(value, 1.0), np.array([whole(angle, -1.0) for angle in best]))
 
 
 def beyond(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
@@ -108,3 +117,10 @@ def beyond(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
         return values
     nearest: Any = distance_transform_edt(~inside, return_distances=False, return_indices=True)
     return np.asarray(values[tuple(nearest)])
+
+
+def region_of(field: Field, b: float) -> Any:
+    """Where a field is positive, as a shapely geometry [m]."""
+    rings = [b * np.asarray(ring) for ring in contour_generator(field.x, field.y, field.value).lines(0.0)]
+    polygons = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings if len(ring) > 3]
+    return shapely.symmetric_difference_all(np.array(polygons, object)) if polygons else shapely.Polygon()
