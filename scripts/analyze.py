@@ -19,7 +19,7 @@ def main(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="results folder [default: results/analysis/<mechanism>]")] = None,
 ) -> None:
-    """Write figures (PNG, SVG), regions (GeoJSON), a page for browsing (HTML) and a table of numbers for each design.
+    """Write figures (PNG, SVG, PDF), regions (GeoJSON), a page for browsing (HTML) and numbers for each design.
 
     Example: python scripts/analyze.py two-x --design muralidharan2022,payload=0.5
     """

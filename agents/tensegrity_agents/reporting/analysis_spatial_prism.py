@@ -115,7 +115,7 @@ def unloading_maps(prism: SpatialPrism) -> Figure:
             found = prism.unloading_limit(lengths, tuple(np.repeat(ways, n, axis=1)), largest)
             tables.append(found.force.reshape(-1, n).min(axis=0).reshape(x.shape))
         high = min(float(np.max(tables)), largest)
-        levels = MaxNLocator(12).tick_values(float(np.min(tables)), high)
+        levels = np.asarray(MaxNLocator(12).tick_values(float(np.min(tables)), high))
         levels = levels[levels <= high] if high >= largest else levels
         for axes, table, height in zip(panels[row], tables, _HEIGHTS, strict=True):
             beyond = "max" if high >= largest else "neither"
@@ -146,10 +146,12 @@ def workspace(prism: SpatialPrism) -> Figure:
     panels = figure.subplots(2, 3).ravel()
     up = np.linspace(0.02 * D, 2.5 * D, 301)
     across, upwards = np.meshgrid(axis, up)
-    sections = [(x, y, (x, y, height * D), f"z = {height * D:g} m") for height in _HEIGHTS]
+    sections: list[tuple[Any, Any, tuple[Any, ...], str]] = [
+        (x, y, (x, y, height * D), f"z = {height * D:g} m") for height in _HEIGHTS
+    ]
     sections.append((across, upwards, (across, 0.0, upwards), "y = 0"))
     found = [_least(prism, place) for _, _, place, _ in sections]
-    levels = MaxNLocator(10).tick_values(0, max(float(thrust.max()) for thrust, _ in found))
+    levels = np.asarray(MaxNLocator(10).tick_values(0, max(float(thrust.max()) for thrust, _ in found)))
     near = 0.05 * D
     for axes, (first, second, _, title), (thrust, clearance) in zip(panels, sections, found, strict=False):
         image = axes.contourf(first, second, np.maximum(thrust, -1e-9), levels=levels[levels >= 0], cmap=_BLUES)

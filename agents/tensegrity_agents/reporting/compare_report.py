@@ -157,7 +157,7 @@ def _reachable(core: Any) -> Any:
         still = (np.zeros_like(q[0]), np.zeros_like(q[0]))
         inputs = np.array(control.usual_inputs(core.nominal, tuple(np.clip(a, -limit, limit) for a in q), still))
         margin = np.minimum(inputs - low, high - inputs).min(axis=0) / (high - low)
-        return np.nan_to_num(np.minimum(margin, (limit - np.abs(np.array(q))).min(axis=0)), nan=-1.0)
+        return np.asarray(np.nan_to_num(np.minimum(margin, (limit - np.abs(np.array(q))).min(axis=0)), nan=-1.0))
 
     field = fields.maximum(core.nominal, room, 301, mirrored=False)
     return fields.region_of(field, float(core.design.b1))

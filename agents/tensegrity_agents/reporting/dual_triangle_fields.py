@@ -48,7 +48,7 @@ def room(arm: DualTriangle, load: tuple[float, float] | None = None) -> Measure:
         held = tuple(np.clip(qi, -limit, limit) for qi in q)
         delta = np.abs(np.array(arm.control(held, load)))
         within = limit - np.abs(np.array(q))
-        return np.nan_to_num(np.minimum((nominal - delta).min(axis=0) / b, within.min(axis=0)), nan=-1.0)
+        return np.asarray(np.nan_to_num(np.minimum((nominal - delta).min(axis=0) / b, within.min(axis=0)), nan=-1.0))
 
     return measure
 
@@ -60,7 +60,7 @@ def stiffness(arm: DualTriangle, load: tuple[float, float]) -> Measure:
     def measure(q: tuple[np.ndarray, ...]) -> np.ndarray:
         held = tuple(np.clip(qi, -limit, limit) for qi in q)
         margin = arm.stability_margin(held, arm.free_lengths(arm.control(held, load)), load)
-        return np.nan_to_num(np.minimum(np.asarray(margin), STEEP * inside(q)), nan=-1.0)
+        return np.asarray(np.nan_to_num(np.minimum(np.asarray(margin), STEEP * inside(q)), nan=-1.0))
 
     return measure
 
