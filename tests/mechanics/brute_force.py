@@ -1,6 +1,6 @@
 """Equilibria by brute force: Newton's method from very many starts, which knows nothing of the solvers.
 
-    python tests/mechanics/brute_force.py dual-triangle [--designs 1000] [--seed 0]
+    python tests/mechanics/brute_force.py two-x|dual-triangle|planar-four-bar [--designs 1000] [--seed 0]
 
 Each line counts random designs, equilibria that brute force found, and those of them that the solver missed: none.
 """
@@ -10,7 +10,14 @@ import sys
 
 import numpy as np
 
-from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
+from tensegrity_envs.mechanics import (
+    DualTriangle,
+    DualTriangleDesign,
+    PlanarFourBar,
+    PlanarFourBarDesign,
+    TwoX,
+    TwoXDesign,
+)
 
 SAME = 1e-5  # [rad]
 
@@ -91,7 +98,72 @@ def missed_by_dual_triangle(rng, starts):
     return found.shape[1], len(known), missed, len(stable), (arm.design, arm.segments, lengths, load)
 
 
-CASES = {"dual-triangle": missed_by_dual_triangle}
+def random_two_x(rng):
+    """An arm, tensions and a load: nearly equal bars and slack cables among them."""
+    b = rng.choice([rng.uniform(0.1, 0.95), 1 - 10 ** rng.uniform(-8, -1)])
+    design = TwoXDesign(
+        b=b,
+        l=1.0,
+        a=rng.choice([0.0, rng.uniform(0, 2)]),
+        k1=10 ** rng.uniform(0, 3),
+        k2=10 ** rng.uniform(0, 3),
+        min_tension=0.0,
+        max_tension=1000.0,
+        payload=rng.choice([0.0, 2.0]),
+        joint_limit=rng.choice([2.6, np.pi]),
+    )
+    tensions = (rng.choice([0.0, 10.0, 300.0]) * rng.random(4)).tolist()
+    load = (rng.choice([0.0, 10.0, 100.0]) * rng.normal(size=2)).tolist()
+    return TwoX(design), tuple(tensions), tuple(load)
+
+
+def missed_by_two_x(rng, starts):
+    """See `missed_by_dual_triangle`."""
+    arm, tensions, load = random_two_x(rng)
+    limit = float(arm.design.joint_limit)
+
+    def statics(q):
+        return arrays(*arm.statics(tuple(q), tensions, load), q.shape[1:])
+
+    q = rng.uniform(-limit, limit, (2, starts))
+    q[:, ::3] *= 10 ** rng.uniform(-6, 0, q[:, ::3].shape)  # nearly equal bars: much happens at the straight posture
+    found = newton(statics, q, [limit - 1e-3] * 2)
+    known = [np.array(e.configuration) for e in arm.equilibria(tensions, load)]
+    missed = [q for q in found.T if not any(np.abs(q - other).max() < SAME for other in known)]
+    stable = [q for q in missed if np.linalg.eigvalsh(statics(q[:, None])[1][..., 0]).min() > 0]
+    return found.shape[1], len(known), missed, len(stable), (arm.design, tensions, load)
+
+
+def missed_by_planar_four_bar(rng, starts):
+    """See `missed_by_dual_triangle`; equal lengths and forces along the axes among the cases."""
+    mechanism = PlanarFourBar(PlanarFourBarDesign(length=1.0, stiffness=1.0))
+    lengths = rng.uniform(0, 2, 2)
+    if rng.random() < 0.3:
+        lengths[1] = lengths[0]
+    lengths = np.where(rng.random(2) < 0.1, rng.choice([1.0, 2.0], 2), lengths)
+    force = rng.choice([0.1, 0.5, 2.0, 5.0]) * rng.normal(size=2) * rng.choice([[1, 0], [0, 1], [1, 1]])
+    lengths, load = tuple(lengths.tolist()), tuple(force.tolist())
+
+    def statics(q):
+        return arrays(*mechanism.statics(tuple(q), lengths, load), q.shape[1:])
+
+    found = newton(statics, rng.uniform(-np.pi, np.pi, (2, starts)), [4 * np.pi] * 2)
+    found = unique((found + np.pi) % (2 * np.pi) - np.pi)
+    known = [np.array(e.configuration) for e in mechanism.equilibria(lengths, load)]
+
+    def gap(q, other):
+        return np.abs((q - other + np.pi) % (2 * np.pi) - np.pi).max()
+
+    missed = [q for q in found.T if not any(gap(q, other) < SAME for other in known)]
+    stable = [q for q in missed if np.linalg.eigvalsh(statics(q[:, None])[1][..., 0]).min() > 0]
+    return found.shape[1], len(known), missed, len(stable), (lengths, load)
+
+
+CASES = {
+    "dual-triangle": missed_by_dual_triangle,
+    "two-x": missed_by_two_x,
+    "planar-four-bar": missed_by_planar_four_bar,
+}
 
 
 def main():

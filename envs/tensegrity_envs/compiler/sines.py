@@ -34,6 +34,6 @@ def sine_and_cosine(x: float) -> tuple[float, float]:
     is_odd = (half + ROUND) - ROUND != half
     quarter = (half - 0.5 if is_odd else half) * 0.5
     is_upper = (quarter + ROUND) - ROUND == quarter
-    sine = c if is_odd else s
+    sine = c if is_odd else (s if x != 0.0 else x)  # which keeps the sign of zero
     cosine = s if is_odd else c
     return sine if is_upper else -sine, cosine if is_upper != is_odd else -cosine

@@ -14,6 +14,7 @@ from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components, detached, is_symbol, is_tensor, namespace_of
 from tensegrity_envs.compiler.pytree import is_array, leaves, rebuild
 from tensegrity_envs.compiler.tracing import Path
+from tensegrity_envs.mechanics.intervals import Interval
 
 Hessian = tuple[Components, ...]
 Statics = Callable[[Any], tuple[Components, Hessian]]
@@ -22,6 +23,8 @@ ParametricStatics = Callable[[Any, Any], tuple[Components, Hessian]]
 # (configuration, path parameter in [0, 1]) -> gradient, Hessian; traceable
 PathStatics = Callable[[Any, Any], tuple[Components, Hessian]]
 
+_SMALLEST_CELL = 1e-7  # half of its width
+_MOST_CELLS = 200_000
 _RESOLUTION = 2.0**-12  # shortest sub-step
 
 
@@ -236,41 +239,40 @@ def _scale(hessian: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(hessian).max(axis=(0, 1)))
 
 
-def find_all(statics: Statics, lower: Sequence[float], upper: Sequence[float], cells: int = 48) -> list[Equilibrium]:
+def find_all(statics: Statics, lower: Sequence[float], upper: Sequence[float], cells: int = 32) -> list[Equilibrium]:
     """All equilibria strictly inside a box, stable and unstable, sorted by configuration.
 
-    Exclusion by subdivision: a cell is dropped where the linear bound of the gradient, widened by the sampled
-    variation of the Hessian, says that it has no zero; Newton's method starts from every cell that survives.
+    Exclusion by interval arithmetic: a cell is dropped where the bounds of the gradient leave zero out; where those of
+    the Hessian leave its determinant no zero, there is one equilibrium at most, and Newton's method starts; all other
+    cells are divided.
 
     Args:
-        statics: for one set of inputs, on arrays of configurations.
+        statics: for one set of inputs, on components: arrays and `intervals.Interval`.
         lower: lower corner of the box.
         upper: upper corner.
         cells: initial cells along each component.
+
+    Raises:
+        ValueError: the equilibria form a continuum.
     """
     low, high = np.asarray(lower, float), np.asarray(upper, float)
     half = (high - low) / (2 * cells)
     axes = [np.linspace(a + h, b - h, cells) for a, b, h in zip(low, high, half, strict=True)]
     centres = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
     corners = np.array(list(product((-0.5, 0.5), repeat=len(low)))).T
-    roots: list[np.ndarray] = []
-    variation = None
-    for level in range(5):
-        gradient, hessian = _as_arrays(statics, centres)
-        if variation is None:  # largest change of each Hessian entry across a cell, sampled
-            shape = (len(low), len(low)) + (cells,) * len(low)
-            entries = hessian.reshape(shape)
-            variation = np.zeros(len(low))
-            for axis in range(len(low)):
-                jump = np.abs(np.diff(entries, axis=2 + axis)).max(axis=tuple(range(1, 2 + len(low))))
-                variation += jump
-        linear = np.einsum("ijn,j->in", np.abs(hessian), half)
-        curved = (variation * 2.0**-level)[:, None] * half.max() * 1.5
-        possible = np.all(np.abs(gradient) <= 1.2 * linear + curved, axis=0)
-        centres = centres[:, possible]
-        if level < 4:
-            centres = (centres[:, :, None] + (half[:, None] * corners)[:, None, :]).reshape(len(low), -1)
-            half = half / 2
+    starts = [centres[:, :0]]
+    while centres.shape[1]:
+        possible, single = _bounds(statics, centres, half)
+        if possible.sum() > _MOST_CELLS:
+            raise ValueError("the equilibria form a continuum: the energy is (all but) constant along it")
+        is_last = half.max() < _SMALLEST_CELL
+        starts.append(centres[:, possible & (single | is_last)])
+        if is_last:
+            break
+        centres = centres[:, possible & ~single]
+        centres = (centres[:, :, None] + (half[:, None] * corners)[:, None, :]).reshape(len(low), -1)
+        half = half / 2
+    centres = np.concatenate(starts, axis=1)
     roots = _polish(statics, centres, low, high)
     results = []
     for root in roots:
@@ -285,6 +287,39 @@ def find_all(statics: Statics, lower: Sequence[float], upper: Sequence[float], c
             )
         )
     return results
+
+
+def _bounds(statics: Statics, centres: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which cells may hold an equilibrium, and which of them one at most."""
+    cells = tuple(Interval(c - h, c + h) for c, h in zip(centres, half, strict=True))
+    zero = Interval(np.zeros(centres.shape[1]), np.zeros(centres.shape[1]))
+    with np.errstate(invalid="ignore", over="ignore"):
+        bounds, hessian = statics(cells)
+        matrix = [[zero + entry for entry in row] for row in hessian]
+        gradient, _ = _as_arrays(statics, centres)
+        possible = np.ones(centres.shape[1], bool)
+        for value, bound, row in zip(gradient, bounds, matrix, strict=True):
+            change = sum(entry.size * h for entry, h in zip(row, half, strict=True))
+            slop = 1e-12 * (np.abs(value) + sum(entry.size for entry in row))
+            possible &= ~(np.abs(value) > change + slop)  # NaN excludes nothing
+            possible &= ~((zero + bound).low > slop) & ~((zero + bound).high < -slop)
+        return possible, _is_regular(matrix)
+
+
+def _is_regular(matrix: list[list[Interval]]) -> np.ndarray:
+    """Where all matrices M within these bounds are regular.
+
+    With C the inverse of the matrix in the middle, C M is regular if it differs from 1 by less than 1.
+    """
+    n = len(matrix)
+    middle = np.stack([np.stack([(entry.low + entry.high) / 2 for entry in row], -1) for row in matrix], -2)
+    radius = np.stack([np.stack([(entry.high - entry.low) / 2 for entry in row], -1) for row in matrix], -2)
+    fine = np.isfinite(middle).all(axis=(-2, -1)) & np.isfinite(radius).all(axis=(-2, -1))
+    middle = np.where(fine[:, None, None], middle, np.eye(n))
+    fine &= np.abs(np.linalg.det(middle)) > 1e-300
+    inverse = np.linalg.inv(np.where(fine[:, None, None], middle, np.eye(n)))
+    off = (np.abs(inverse) @ np.where(fine[:, None, None], radius, 0.0)).sum(axis=-1).max(axis=-1)
+    return np.asarray(fine & (off < 0.95))
 
 
 def _as_arrays(statics: Statics, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -51,6 +51,50 @@ def bracketed_roots(
     return np.where(np.abs(fa) <= np.abs(fb), a, b)
 
 
+def circle_roots(
+    f: Callable[[np.ndarray, np.ndarray], np.ndarray], lines: int, samples: int, distinct: float = 1e-7
+) -> tuple[np.ndarray, np.ndarray]:
+    """All roots of functions of an angle, which have no seam: a root at +-pi is found as any other.
+
+    Args:
+        f: (line, angle) -> value, elementwise, of period 2 pi; line is an index array of the same shape as angle.
+        lines: number of functions.
+        samples: of each, between which sign changes are looked for, too (`hidden_sign_changes`).
+        distinct: roots closer together than this are one.
+
+    Returns:
+        line and angle in (-pi, pi] of every root, by line.
+    """
+    turn = 2 * np.pi
+    x = np.tile(-np.pi + turn * np.arange(-1, samples + 1) / samples, (lines, 1))
+    line = np.arange(lines)[:, None]
+    values = f(np.broadcast_to(line, x[:, 1:-1].shape), x[:, 1:-1])
+    values = np.concatenate([values[:, -1:], values, values[:, :1]], axis=1)
+    hidden, place = hidden_sign_changes(f, x, values)
+    first = x[0, 1]
+    place = first + (place - first) % turn
+    found_line, found = [], []
+    for k in range(lines):
+        angle = np.concatenate([x[k, 1:-1], place[hidden == k]])
+        value = np.concatenate([values[k, 1:-1], f(np.full((hidden == k).sum(), k), place[hidden == k])])
+        order = np.argsort(angle, kind="stable")
+        angle, sign = np.append(angle[order], angle[order[0]] + turn), np.append(value[order], value[order[0]]) > 0
+        change = np.flatnonzero(sign[1:] != sign[:-1])
+
+        def on_line(a: np.ndarray, k: int = k) -> np.ndarray:
+            return f(np.full(a.shape, k), first + (a - first) % turn)  # one rounding, one sign, for an angle
+
+        roots = bracketed_roots(on_line, angle[change], angle[change + 1])
+        roots = np.pi - (np.pi - roots) % turn
+        kept: list[float] = []
+        for root in roots.tolist():
+            if all(abs((root - other + np.pi) % turn - np.pi) > distinct for other in kept):
+                kept.append(root)
+        found_line.append(np.full(len(kept), k))
+        found.append(np.array(kept))
+    return np.concatenate(found_line), np.concatenate(found)
+
+
 def hidden_sign_changes(
     f: Callable[[np.ndarray, np.ndarray], np.ndarray], x: np.ndarray, values: np.ndarray, iterations: int = 30
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -18,16 +18,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, is_batch, is_symbol, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, as_components, is_batch, is_symbol, namespace_of
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.checks import check_finite
 from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers, take
 from tensegrity_envs.mechanics.polynomials import product, real_roots
+from tensegrity_envs.mechanics.roots import circle_roots
 
 _NO_LOAD = (0.0, 0.0)
 _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
 _FULL_TURN = 4 * math.pi  # of alpha, since theta = alpha / 2 runs once around
 _BARS = "A1 C1, B1 D1, D1 C1, D1 A2, D1 B2, C1 B2, A2 B2, A2 C2, B2 D2, D2 C2, D2 P, C2 P"
+_NEARLY_SINGULAR = 2e-3  # 1 - (b/l)^2, where the polynomial is not enough
+_ROUNDING = 1e-6  # [rad] by which rounding may carry a double root beyond a joint limit
 _SAMPLES = 16  # of the trigonometric polynomial of the inverse kinematics; 9 would determine it
 
 
@@ -569,7 +572,8 @@ class TwoX:
         """All equilibria within the joint limits (flat poses excluded), stable and unstable, sorted by configuration.
 
         Raises:
-            ValueError: a number is NaN or infinite, or there are not four tensions.
+            ValueError: a number is NaN or infinite, there are not four tensions, or the equilibria form a continuum (an
+                arm without springs, weight and tensions).
         """
         check_finite("tensions", tensions, 4)
         check_finite("load", load, 2)
@@ -584,7 +588,7 @@ class TwoX:
         The real roots of one polynomial, of degree eight with offsets and, without, the quartic of [Furet2018, Eqs.
         3-8]. They are candidates only (on one curve a double root is no configuration at all): each is polished and
         verified by forward kinematics. Two solutions closer than 1e-6 rad to one another, next to a singularity, are
-        given as one.
+        given as one, and so are those (1e-5 rad at most) between which the tip is no further from the target.
 
         Returns:
             The solutions, an empty list where the target is out of reach.
@@ -636,9 +640,12 @@ class TwoX:
         owner, a1, a2 = owner[near], a1[near], a2[near]
         a1, a2 = self._polish(x[owner], y[owner], a1, a2)
         a1, a2 = (2 * math.pi - (2 * math.pi - alpha) % _FULL_TURN for alpha in (a1, a2))  # into (-2 pi, 2 pi]
+        a1, a2 = self._onto_limits(x[owner], y[owner], a1, a2)
         px, py = self.tip((a1, a2))
         residual = np.hypot(px - x[owner], py - y[owner])
         keep = (residual < 1e-12 * self.reach) & self.is_within_limits((a1, a2))
+        if self.design.joint_limit <= math.pi:  # which leaves the flat poses out
+            keep &= np.maximum(np.abs(a1), np.abs(a2)) < math.pi - 1e-9
         order = np.lexsort((a2[keep], a1[keep], owner[keep]))
         owner, a1, a2, residual = (values[keep][order] for values in (owner, a1, a2, residual))
         # Candidates that arrived at the same solution differ by rounding, sqrt(eps) at a double root.
@@ -648,30 +655,72 @@ class TwoX:
             if not same.any():
                 break
             gap = _angle_gap(a1[lag:], a1[:-lag]) + _angle_gap(a2[lag:], a2[:-lag])
-            new[lag:] &= ~same | (gap > 1e-6)
+            one = gap <= 1e-6
+            near = np.flatnonzero(same & ~one & (gap < 1e-5))  # of a double root: what lies between is as good
+            px, py = self.tip(tuple((a[lag:][near] + a[:-lag][near]) / 2 for a in (a1, a2)))
+            between = np.hypot(px - x[owner[lag:][near]], py - y[owner[lag:][near]])
+            one[near] = between <= np.maximum(residual[lag:][near], residual[:-lag][near])
+            new[lag:] &= ~same | ~one
         return owner[new], (a1[new], a2[new]), residual[new]
 
-    def _polish(self, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Damped Newton steps from every candidate to its target; what does not converge is left where it ends."""
+    def _onto_limits(
+        self, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Angles that rounding has carried beyond a joint limit, put onto it; the other joint makes up for it."""
+        limit = self.design.joint_limit
+        over = [np.abs(alpha) > limit for alpha in (a1, a2)]
+        index = np.flatnonzero((over[0] | over[1]) & (np.maximum(np.abs(a1), np.abs(a2)) < limit + _ROUNDING))
+        if not len(index):
+            return a1, a2
+        q = [np.clip(alpha[index], -limit, limit) for alpha in (a1, a2)]
+        free = [~part[index] for part in over]
+        for _ in range(20):
+            px, py = self.tip((q[0], q[1]))
+            ex, ey = px - x[index], py - y[index]
+            rows = self.jacobian((q[0], q[1]))
+            for i in range(2):
+                dx, dy = rows[0][i], rows[1][i]
+                step = (dx * ex + dy * ey) / (dx * dx + dy * dy + 1e-300)
+                q[i] = np.where(free[i], np.clip(q[i] - np.clip(step, -1e-3, 1e-3), -limit, limit), q[i])
         a1, a2 = a1.copy(), a2.copy()
+        a1[index], a2[index] = q
+        return a1, a2
+
+    def _polish(self, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Damped Newton steps from every candidate to its target: the best point of each way.
+
+        Steps that lead further away are taken back, and damped more: next to a singularity, where two solutions meet,
+        full steps would run along the direction that moves the tip least.
+        """
+        a1, a2 = a1.copy(), a2.copy()
+        px, py = self.tip((a1, a2))
+        ex, ey = px - x, py - y
+        square, damped = ex * ex + ey * ey, np.full(len(a1), 1e-3)
         active = np.arange(len(a1))
         size = self.reach
-        for _ in range(25):
+        for _ in range(60):
             q = (a1[active], a2[active])
-            px, py = self.tip(q)
-            ex, ey = px - x[active], py - y[active]
             (xa, xb), (ya, yb) = self.jacobian(q)
             # Levenberg's damping, quadratically small in the error: Newton's speed, yet finite steps where det J is 0.
-            damping = 1e-3 * (ex * ex + ey * ey) / size**2
+            ux, uy = ex[active], ey[active]
+            damping = damped[active] * square[active] / size**2
             m11, m12, m22 = xa * xa + ya * ya + damping, xa * xb + ya * yb, xb * xb + yb * yb + damping
-            v1, v2 = xa * ex + ya * ey, xb * ex + yb * ey
+            v1, v2 = xa * ux + ya * uy, xb * ux + yb * uy
             det = xa * yb - xb * ya
             det = det * det + damping * (m11 + m22 - damping) + 1e-300
             step1, step2 = (m22 * v1 - m12 * v2) / det, (m11 * v2 - m12 * v1) / det
             length = np.hypot(step1, step2)
             shrink = 0.3 / np.maximum(0.3, length)
-            a1[active], a2[active] = q[0] - shrink * step1, q[1] - shrink * step2
-            active = active[length > 1e-11]
+            new1, new2 = q[0] - shrink * step1, q[1] - shrink * step2
+            px, py = self.tip((new1, new2))
+            there = (px - x[active]) ** 2 + (py - y[active]) ** 2
+            better = there <= square[active]
+            done = active[better]
+            a1[done], a2[done], square[done] = new1[better], new2[better], there[better]
+            ex[done], ey[done] = (px - x[active])[better], (py - y[active])[better]
+            damped[active] *= np.where(better, 0.1, 100.0)
+            damped[active] = np.maximum(damped[active], 1e-3)
+            active = active[(length > 1e-11) & (square[active] > 0) & (damped[active] < 1e40)]
             if not len(active):
                 break
         return a1, a2
@@ -690,7 +739,7 @@ class TwoX:
         solutions, the real roots of a polynomial of degree eight. (Without offsets h^2 divides it; what is left is the
         quartic of [Furet2018, Eqs. 3-8] in another variable.)
         """
-        a, l, bb = self.design.a, self.design.l, self._bb
+        a, l = self.design.a, self.design.l
         distance = np.maximum(np.abs(x), np.abs(y))
         if a == 0 and (distance < 1e-12 * l).any():
             raise ValueError(
@@ -702,17 +751,21 @@ class TwoX:
         flatness = self._excess / (l * l)
         hh = np.cos(psi) ** 2 + flatness * np.sin(psi) ** 2
         _, dy, dd = self._beyond_joint_1(x[:, None], y[:, None], self._from_anomaly(psi))
-        u = dd - a * a
-        curve = u * (u - l * l) + bb * dy * dy - a * (2 * self._excess * dy + a * (l * l + self._excess))
-        samples = curve * (hh * hh)
+        samples = self._off_curve(dy, dd) * (hh * hh)
         # The variable is t = tan(omega/2), with t = infinity where the sample is largest: no root is near infinity.
         top = np.abs(samples).argmax(axis=1)
         turned = samples[np.arange(len(x))[:, None], (top[:, None] + np.arange(_SAMPLES)) % _SAMPLES]
         polynomial = product(turned, _SAMPLES_TO_POLYNOMIAL)
         owner, t = real_roots(polynomial)
         a1 = self._from_anomaly(psi[top[owner]] + math.pi + 2 * np.arctan(t))
+        if (
+            flatness < _NEARLY_SINGULAR
+        ):  # the anomalies of all but the smallest angles are next to pi / 2: ill-conditioned
+            more = self._scanned(x, y)
+            owner, a1 = np.concatenate([owner, more[0]]), np.concatenate([a1, more[1]])
         dx, dy, dd = self._beyond_joint_1(x[owner], y[owner], a1)
         u = dd - a * a
+        bb = self._bb
         rc = (a * (2 * (u - l * l) + bb) + bb * dy) / (bb + 4 * a * a)  # r cos(alpha_2/2)
         rr = np.maximum(u - 2 * a * rc, 0.0)
         a2 = 2 * np.arctan2(-rr * dx * np.sign(u), rc * np.abs(u))
@@ -725,6 +778,26 @@ class TwoX:
             np.concatenate([a1, a1[node], a1[node]]),
             np.concatenate([a2, fold, -fold]),
         )
+
+    def _off_curve(self, dy: np.ndarray, dd: np.ndarray) -> np.ndarray:
+        """0 where joint 2 can reach the target; see `_candidates`."""
+        a, l, bb = self.design.a, self.design.l, self._bb
+        u = dd - a * a
+        return np.asarray(u * (u - l * l) + bb * dy * dy - a * (2 * self._excess * dy + a * (l * l + self._excess)))
+
+    def _scanned(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Index of the target and alpha_1 of solutions, by even scans of the circle of alpha_1 and of its anomaly."""
+        n = len(x)
+
+        def off(line: np.ndarray, angle: np.ndarray) -> np.ndarray:
+            a1 = np.where(line < n, 2 * angle, self._from_anomaly(angle))
+            _, dy, dd = self._beyond_joint_1(x[line % n], y[line % n], a1)
+            return self._off_curve(dy, dd)
+
+        if not n:
+            return np.zeros(0, int), np.zeros(0)
+        line, angle = circle_roots(off, 2 * n, 720, 1e-12)
+        return line % n, np.where(line < n, 2 * angle, self._from_anomaly(angle))
 
     def _from_anomaly(self, psi: np.ndarray) -> np.ndarray:
         """The angle alpha [rad] at which the eccentric anomaly of a joint's rolling ellipses is psi."""

@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.mechanics.roots import bracketed_roots, hidden_sign_changes
+from tensegrity_envs.mechanics.roots import circle_roots
 
 if TYPE_CHECKING:
     from tensegrity_envs.mechanics.planar_four_bar.mechanism import PlanarFourBar
 
-_SAMPLES = 721
+_SAMPLES = 720
 _DISTINCT = 1e-7  # [rad]
 RECTANGLE, INWARDS, OUTWARDS, PARALLEL, LOADED = "X", "IN", "OUT", "PAR", "loaded"
 
@@ -130,27 +130,12 @@ def _loaded(
         turning = force[1] * np.cos(gamma) - force[0] * np.sin(gamma)
         return np.asarray(ratio * np.sin(gamma - toward) * (2 * d - fold) - d * turning)
 
-    lines = np.arange(2)
-    samples = np.tile(np.linspace(-math.pi, math.pi, _SAMPLES), (2, 1))
-    values = slope(lines[:, None], samples)
-    hidden, places = hidden_sign_changes(slope, samples, values)
     found: list[FourBarEquilibrium] = []
-    for k, fold in enumerate((1.0, -1.0)):
-        gamma = np.sort(np.concatenate([samples[k], places[hidden == k]]))
-        sign = slope(np.full(gamma.shape, k), gamma) > 0
-        change = np.flatnonzero(sign[1:] != sign[:-1])
-
-        def at(g: np.ndarray, k: int = k) -> np.ndarray:
-            return slope(np.full(g.shape, k), g)
-
-        angles: list[float] = []
-        for root in bracketed_roots(at, gamma[change], gamma[change + 1]).tolist():
-            apart = [abs(math.remainder(root - other, 2 * math.pi)) > _DISTINCT for other in angles]
-            if not all(apart) or distance(np.array([root]))[0] < 1e-9:
-                continue
-            angles.append(root)
-            theta = pointing(mechanism, lengths, root, fold)
-            found.append(describe(mechanism, (theta, root), lengths, load, LOADED))
+    for k, gamma in zip(*(part.tolist() for part in circle_roots(slope, 2, _SAMPLES, _DISTINCT)), strict=True):
+        if distance(np.array([gamma]))[0] < 1e-9:
+            continue
+        theta = pointing(mechanism, lengths, gamma, 1.0 if k == 0 else -1.0)
+        found.append(describe(mechanism, (theta, gamma), lengths, load, LOADED))
     return found
 
 

@@ -152,20 +152,21 @@ def loaded(
         return np.asarray((across * distance + fold * l * (tx[line] * ux + ty[line] * uy)) / (l * l))
 
     lines = np.arange(len(target))
-    samples = np.tile(np.linspace(0.0, math.pi, _SAMPLES), (len(target), 1))
+    step = math.pi / (_SAMPLES - 1)  # and a little beyond the ends, where a root may be
+    samples = np.tile(np.linspace(-2 * step, math.pi + 2 * step, _SAMPLES + 4), (len(target), 1))
     values = balance(np.broadcast_to(lines[:, None], samples.shape), samples)
     line, i = np.nonzero((values[:, 1:] > 0) != (values[:, :-1] > 0))
     low, high = samples[line, i], samples[line, i + 1]
     hidden, place = hidden_sign_changes(balance, samples, values)
     if len(hidden):  # two roots in one cell on each side of the found point, or in its neighbours
-        cell = np.clip(np.searchsorted(samples[0], place) - 1, 0, _SAMPLES - 2)
+        cell = np.clip(np.searchsorted(samples[0], place) - 1, 0, samples.shape[1] - 2)
         line = np.concatenate([line, hidden, hidden])
         low = np.concatenate([low, samples[0][cell], place])
         high = np.concatenate([high, place, samples[0][cell + 1]])
     alpha = bracketed_roots(lambda a: balance(line, a), low, high)
     square = (mx[line] - l * np.cos(alpha)) ** 2 + (my[line] - l * np.sin(alpha)) ** 2
-    kept = square > 1e-18 * l * l
-    line, alpha = line[kept], alpha[kept]
+    kept = (square > 1e-18 * l * l) & (alpha >= -_ON_BASE) & (alpha <= math.pi + _ON_BASE)
+    line, alpha = line[kept], np.clip(alpha[kept], 0.0, math.pi)
     return target[line], np.stack([rho1[line], 2 * l * np.sin(alpha / 2)]), gamma[line]
 
 
