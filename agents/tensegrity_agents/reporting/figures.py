@@ -59,6 +59,7 @@ _STYLE: Any = {
 }
 _SMALLEST = 2e-4  # of the tolerance: smaller errors are drawn here
 _GRID = 361  # points of the joint space along each axis
+_SLIVER = 1e-6  # of a region: smaller holes lie between two chords of one curve
 _MOST_PATHS = 40  # failures drawn
 _INK, _FAINT, _GOOD, _BAD = "#1e242c", "#6b7480", "#009e73", "#d55e00"
 
@@ -133,9 +134,10 @@ def save(figure: Figure, stem: Path, title: str = "") -> Path:
         if title:
             figure.suptitle(title.replace("$", r"\$"), fontsize=10.5)
         named = {"Title": title} if title else {}
-        figure.savefig(png, dpi=200, metadata={"Software": None, **named})
-        figure.savefig(svg, dpi=200, metadata={"Date": None, **named})
-        figure.savefig(pdf, dpi=200, metadata={"CreationDate": None, **named})
+        tight: Any = {"bbox_inches": "tight", "pad_inches": 0.06}  # nothing is cut off, however long a name is
+        figure.savefig(png, dpi=200, **tight, metadata={"Software": None, **named})
+        figure.savefig(svg, dpi=200, **tight, metadata={"Date": None, **named})
+        figure.savefig(pdf, dpi=200, **tight, metadata={"CreationDate": None, **named})
     return png
 
 
@@ -253,6 +255,8 @@ def error_distribution(runs: list[Run], tolerance: float = 0.005) -> Figure:
     groups = grouped(runs)
     look = looks({name: group[0].kind for name, group in groups.items()})
     unit, factor = length_unit(tolerance)
+    if runs[0].error_unit != "mm":
+        unit, factor = runs[0].error_unit, 1000.0
     floor = _SMALLEST * factor * tolerance
     floor = 10.0 ** math.floor(math.log10(floor))
     largest = 10 * factor * tolerance
@@ -394,10 +398,12 @@ def inside(region: Any) -> Callable[[Any], np.ndarray]:
 def outline(geometry: Any) -> Outline | None:
     """A shapely geometry's polygons as one matplotlib path, holes included; None where there is none."""
     rings = []
+    smallest = _SLIVER * shapely.area(geometry)
     for polygon in shapely.get_parts(geometry):
         if polygon.geom_type == "Polygon" and not polygon.is_empty:
             oriented = shapely.geometry.polygon.orient(polygon)
-            rings += [np.asarray(ring.coords) for ring in (oriented.exterior, *oriented.interiors)]
+            holes = [hole for hole in oriented.interiors if shapely.Polygon(hole).area > smallest]
+            rings += [np.asarray(ring.coords) for ring in (oriented.exterior, *holes)]
     if not rings:
         return None
     codes = [np.r_[Outline.MOVETO, np.full(len(r) - 2, Outline.LINETO), Outline.CLOSEPOLY] for r in rings]
