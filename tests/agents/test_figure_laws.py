@@ -1,6 +1,10 @@
 """Every figure of every analysis: axes with units, titles that differ, no legend on data, PNG, SVG and PDF."""
 
+import json
 import re
+import shutil
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -72,3 +76,29 @@ def test_a_jump_is_not_drawn_as_a_line():
     assert np.flatnonzero(np.isnan(broken)).tolist() == [np.flatnonzero(x >= 0.1)[0]]
     for smooth in (np.sin(9 * x), np.sqrt(x + 1), np.exp(3 * x), np.abs(x), 0 * x):
         assert np.isfinite(without_jumps(smooth)).all()
+
+
+NODE = shutil.which("node")
+# a point, how many configurations there are, and members of one
+PLACES = {
+    "dual-triangle": ((0.25, 0.05), 1),
+    "planar-four-bar": ((0.0, 12.0), None),
+    "spatial-prism": ((0.1, 0.1), 1),
+    "two-x": ((0.3, 0.3), None),
+}
+
+
+@pytest.mark.skipif(NODE is None, reason="no node to run the page's script")
+def test_pages_have_ticks_and_show_arms(drawn, request):
+    mechanism = request.node.callspec.params["drawn"]
+    (x, y), count = PLACES[mechanism]
+    page = next(iter(sorted(drawn[0].rglob("browse.html"), reverse=True)))
+    script = Path(__file__).with_name("browse_in_node.js")
+    done = subprocess.run([NODE, script, page, str(x), str(y)], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr
+    shown = json.loads(done.stdout)
+    assert len(shown["ticks"]) >= 8
+    assert any(label.endswith("[m]") for label in shown["labels"])
+    found = int(re.search(r'id="count">(\d+)<', shown["info"]).group(1))
+    assert found == count if count else found > 0
+    assert shown["arms"] >= 6 * found

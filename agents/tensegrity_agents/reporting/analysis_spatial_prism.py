@@ -70,6 +70,13 @@ def _base(axes: Axes, prism: SpatialPrism) -> None:
     axes.set(aspect="equal", xlim=(-1.25 * D, 1.25 * D), ylim=(-1.25 * D, 1.25 * D), xlabel="x [m]")
 
 
+def compliance(prism: SpatialPrism, x: np.ndarray, y: np.ndarray, z: float) -> tuple[np.ndarray, np.ndarray]:
+    """Of the unloaded platform with its struts locked [mm/N]: sideways in the worst direction, and along z."""
+    still = np.zeros(x.size)
+    c = prism.compliance((x.ravel(), y.ravel(), still + z, still, still, still))
+    return 1000 * np.linalg.eigvalsh(c[:, :2, :2])[:, 1].reshape(x.shape), 1000 * c[:, 2, 2].reshape(x.shape)
+
+
 @_styled
 def compliance_maps(prism: SpatialPrism) -> Figure:
     """How far the unloaded platform gives way to a force, sideways and along z, struts locked."""
@@ -79,10 +86,7 @@ def compliance_maps(prism: SpatialPrism) -> Figure:
     tables = []
     for height in _HEIGHTS:
         x, y = _sector(prism, 41, 61)
-        still = np.zeros(x.size)
-        c = prism.compliance((x.ravel(), y.ravel(), still + height * D, still, still, still))
-        sideways = 1000 * np.linalg.eigvalsh(c[:, :2, :2])[:, 1].reshape(x.shape)
-        tables.append((x, y, sideways, 1000 * c[:, 2, 2].reshape(x.shape)))
+        tables.append((x, y, *compliance(prism, x, y, height * D)))
     for row, (which, label) in enumerate(((2, "sideways, worst direction"), (3, "along z"))):
         levels = MaxNLocator(12).tick_values(0, max(float(np.percentile(table[which], 98)) for table in tables))
         for axes, table, height in zip(panels[row], tables, _HEIGHTS, strict=True):

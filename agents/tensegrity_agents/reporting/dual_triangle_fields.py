@@ -6,6 +6,7 @@ is maximized along them: its maximum is a continuous function of the point, and 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from tensegrity_envs.mechanics.dual_triangle.self_motion import self_motions
 
 Measure = Callable[[tuple[np.ndarray, ...]], np.ndarray]
 STEEP = 8.0  # with which a measure falls to zero at the limits of a posture
-_SAMPLES, _FINER, _ROUNDS = 64, 9, 3
+_SAMPLES, _FINER, _ROUNDS = 128, 9, 3
 
 
 @dataclass(frozen=True)
@@ -123,4 +124,4 @@ def region_of(field: Field, b: float) -> Any:
     """Where a field is positive, as a shapely geometry [m]."""
     rings = [b * np.asarray(ring) for ring in contour_generator(field.x, field.y, field.value).lines(0.0)]
     polygons = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings if len(ring) > 3]
-    return shapely.symmetric_difference_all(np.array(polygons, object)) if polygons else shapely.Polygon()
+    return reduce(shapely.symmetric_difference, polygons, shapely.Polygon())

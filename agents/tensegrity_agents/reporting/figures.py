@@ -23,6 +23,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 
 from tensegrity_agents.evaluation.results import Run
 from tensegrity_agents.reporting.table import Row, grouped, success_text
@@ -134,7 +135,9 @@ def save(figure: Figure, stem: Path, title: str = "") -> Path:
         if title:
             figure.suptitle(title.replace("$", r"\$"), fontsize=10.5)
         named = {"Title": title} if title else {}
-        tight: Any = {"bbox_inches": "tight", "pad_inches": 0.06}  # nothing is cut off, however long a name is
+        needed = figure.get_tightbbox()
+        whole = Bbox.from_bounds(0, 0, *figure.get_size_inches())
+        tight: Any = {"bbox_inches": Bbox.union([whole, needed])}  # nothing is cut off, however long a name is
         figure.savefig(png, dpi=200, **tight, metadata={"Software": None, **named})
         figure.savefig(svg, dpi=200, **tight, metadata={"Date": None, **named})
         figure.savefig(pdf, dpi=200, **tight, metadata={"CreationDate": None, **named})
