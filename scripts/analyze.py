@@ -28,8 +28,8 @@ def main(
         Path | None, typer.Option(help="results folder", show_default="results/analysis/<mechanism>")
     ] = None,
 ) -> None:
-    """Write figures (PNG, SVG), a table of numbers and, where the mechanism has them, regions (GeoJSON) and a page for
-    browsing (HTML), for each design.
+    """Write figures (PNG, SVG, PDF), a table of numbers, a page for browsing (HTML) and, where the mechanism has them,
+    regions (GeoJSON), for each design.
 
     Example: python scripts/analyze.py two-x --design muralidharan2022,payload=0.5
     """

@@ -231,7 +231,9 @@ def test_hover_click_and_release(results, tmp_path):
     script = """<script>
       const log = [], box = svg.work.getBoundingClientRect();
       const at = (kind, p) => { const [u, v] = toWork(p);
-        const place = {clientX: box.left + u * box.width / 600, clientY: box.top + v * box.height / 600};
+        const view = svg.work.viewBox.baseVal;
+        const place = {clientX: box.left + (u - view.x) * box.width / view.width,
+                       clientY: box.top + (v - view.y) * box.height / view.height};
         svg.work.dispatchEvent(new PointerEvent(kind, place));
         log.push(document.getElementById("count").textContent + ":" + document.querySelectorAll(".arm").length); };
       at("pointermove", [0.3, 0.3]); at("click", [0.3, 0.3]); at("pointermove", [0.0, 0.0]);

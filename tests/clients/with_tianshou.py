@@ -108,7 +108,9 @@ def main() -> None:
     """All ids."""
     client = Client("tianshou")
     for env_id in IDS:
-        client.check(env_id, "SAC with HERVectorReplayBuffer, compute_reward(achieved, desired, None)", hindsight, env_id)
+        client.check(
+            env_id, "SAC with HERVectorReplayBuffer, compute_reward(achieved, desired, None)", hindsight, env_id
+        )
         client.check(env_id, "SubprocVectorEnv, spawned", processes, env_id)
 
 

@@ -130,21 +130,22 @@ def _add_looks(spec: mujoco.MjSpec, length: float, textures: bool) -> None:
 
 
 def _add_surroundings(spec: mujoco.MjSpec, length: float) -> None:
-    """Light, a wall behind and a camera in front of the plane of the mechanism."""
+    """Sky, light, and a camera in front of the plane of the mechanism, which is upright: the ground is far below."""
     world = spec.worldbody
-    add_picture(
-        world,
-        mujoco.mjtGeom.mjGEOM_PLANE,
-        "wall",
-        pos=[0.0, 0.22 * length, 0.0],
-        zaxis=[0.0, -1.0, 0.0],
-        size=[4 * length, 4 * length, 0.1],
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.90, 0.93, 0.96],
+        rgb2=[0.70, 0.75, 0.81],
+        width=256,
+        height=256,
     )
     world.add_light(
         pos=[-0.8 * length, -2.2 * length, 1.8 * length],
         dir=[0.35, 1.0, -0.75],
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        castshadow=True,
+        castshadow=False,
         diffuse=[0.42, 0.42, 0.42],
         specular=[0.3, 0.3, 0.3],
     )

@@ -1,5 +1,6 @@
 """Pictures of the dynamic simulations by MuJoCo itself: offscreen, or in its viewer."""
 
+import math
 import threading
 from typing import Any
 
@@ -116,6 +117,10 @@ class Pictures:
 
     def _pose(self, physics: np.ndarray, scene: Scene) -> None:
         model, data = self._model, self._data
+        if len(scene.tip) == 2:  # the frame of the drawings; the camera of the model's file shows all that is possible
+            camera = model.camera("front")
+            away = scene.reach / math.tan(math.radians(camera.fovy[0]) / 2)
+            camera.pos[:] = scene.centre[0], -away, scene.centre[1]
         data.qpos[:] = self._owner.joint_angles(physics)
         mujoco.mj_forward(model, data)
         for member in scene.members:
