@@ -21,11 +21,15 @@ def test_postures_that_are_held_are_inside_and_fill_it(design, push):
     b = float(design.b1)
     load = (-push * float(arm.straight_critical_loads()[0]), 0.0)
     measure = stiffness(arm, load) if push else room(arm)
-    region = region_of(maximum(arm, measure, 301), b)
-    tips = random_tips(arm, measure)
-    assert shapely.contains_xy(region.buffer(0.01 * b), *tips).all()  # a hundredth of a link
-    cells = shapely.buffer(shapely.points(tips.T[::8]), 0.08 * b, quad_segs=2)
-    assert shapely.area(shapely.difference(region, shapely.union_all(cells))) < 0.05 * region.area
+    field = maximum(arm, measure, 301)
+    region = region_of(field, b)
+    # Measured: at most 0.006 b outside without a load, 0.021 b with one; a cell of the grid is 0.034 b.
+    assert shapely.contains_xy(region.buffer(0.03 * b), *random_tips(arm, measure)).all()
+    inside = field.value > 0
+    held = tuple(field.best[:, inside])
+    assert (measure(held) > 0).all()
+    x, y = np.meshgrid(field.x * b, field.y * b)
+    np.testing.assert_allclose(np.stack(arm.tip(held)), np.stack([x[inside], y[inside]]), atol=1e-12)
 
 
 def test_halves_are_mirror_images_and_postures_get_there():
