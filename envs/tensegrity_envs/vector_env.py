@@ -213,7 +213,9 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             fine[ignored] = True
             if not fine.all():
                 raise ValueError(f"actions: environment {int(np.argmin(fine))} got one that is not finite")
-        return np.minimum(np.maximum(columns, -1.0, out=columns), 1.0, out=columns)
+        np.maximum(columns, -1.0, out=columns)
+        np.minimum(columns, 1.0, out=columns)
+        return columns
 
     def _same_step(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Begin the next episodes; what was last seen of those that ended moves into final_obs and final_info."""
