@@ -112,7 +112,7 @@ def test_tables_of_points(results):
         ("muralidharan2022,b=wide", "field=number"),
         ("muralidharan2022,l=0.04", "l = 0.04"),
         ("furet2018,b=1.5", "l = "),
-        ("missing.yaml", "cannot read"),
+        ("missing.yaml", "cannot be read"),
     ],
 )
 def test_designs_that_are_refused(text, match):
@@ -132,7 +132,7 @@ def test_designs_by_name_and_file(tmp_path):
     assert "/" not in name
     assert " " not in name
     file.write_text("- 3\n")
-    with pytest.raises(ValueError, match="fields of a design"):
+    with pytest.raises(ValueError, match="keys and values"):
         parse_design(str(file), named)
     file.write_text("b: wide\n")
     with pytest.raises(ValueError, match="number"):
