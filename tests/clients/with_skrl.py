@@ -57,8 +57,14 @@ def rollout(envs: Any) -> list[Any]:
     generator = torch.Generator().manual_seed(0)
     seen = [envs.reset()[0]]
     for _ in range(STEPS):
-        actions = 2 * torch.rand((NUM_ENVS, envs.num_actions if hasattr(envs, "num_actions") else
-                                  envs.action_space.shape[0]), generator=generator) - 1
+        actions = (
+            2
+            * torch.rand(
+                (NUM_ENVS, envs.num_actions if hasattr(envs, "num_actions") else envs.action_space.shape[0]),
+                generator=generator,
+            )
+            - 1
+        )
         seen += list(envs.step(actions)[:4])
     return seen
 
