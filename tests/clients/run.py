@@ -4,8 +4,9 @@
     python tests/clients/run.py --client skrl           one of them
     python tests/clients/run.py --write                 and put the table into docs/compatibility.md
 
-Needs Python's venv and a package index; the largest virtual environment (Ray's) takes 2.5 GB, in a temporary folder, which
-is deleted after the client has run. No part of `make test`. The exit code is the number of rows that do not work.
+Needs Python's venv and a package index. Each virtual environment (the largest, Ray's, has 2.5 GB) is in a temporary
+folder, which is deleted after the client has run. No part of `make test`. The exit code is the number of rows that do
+not work.
 """
 
 import argparse
@@ -21,12 +22,18 @@ PAGE = ROOT / "docs" / "compatibility.md"
 BEGIN, END = "<!-- table of tests/clients/run.py: begin -->", "<!-- table of tests/clients/run.py: end -->"
 TORCH = "torch==2.13.0"
 REQUIREMENTS = {
-    "gymnasium": ["gymnasium==1.4.0", TORCH, "moviepy==2.2.1", "opencv-python-headless"],
-    "rllib": [TORCH, "ray[rllib]"],
+    "gymnasium": [
+        "gymnasium==1.4.0",
+        TORCH,
+        "moviepy==2.2.1",
+        "opencv-python-headless==5.0.0.0",
+        "gymnasium[array-api]==1.4.0",
+    ],
+    "rllib": [TORCH, "ray[rllib]==2.60.0"],
     "torchrl": [TORCH, "torchrl==0.14.1"],
-    "minari": ["minari[hdf5,create]"],
-    "tianshou": [TORCH, "tianshou"],
-    "skrl": [TORCH, "skrl"],
+    "minari": ["minari[hdf5,create]==0.5.4"],
+    "tianshou": [TORCH, "tianshou==2.0.1"],
+    "skrl": [TORCH, "skrl==2.1.1"],
 }
 Row = dict[str, Any]
 

@@ -63,7 +63,7 @@ def equal_to_single(env_id: str, seen: Any) -> str:
             must(np.float32(reward) == following["reward"].item(), f"step {step}: another reward")
             must(terminated == following["terminated"].item(), f"step {step}: terminated differs")
             must(truncated == following["truncated"].item(), f"step {step}: truncated differs")
-            if "is_success" in following.keys():
+            if "is_success" in following:
                 must(bool(info["is_success"]) == following["is_success"].item(), f"step {step}: is_success differs")
             if terminated or truncated:
                 now, _ = env.reset()
@@ -75,7 +75,7 @@ def equal_to_single(env_id: str, seen: Any) -> str:
 def single(env_id: str) -> str:
     """One environment, with its info."""
     seen = rollout(with_info(env_id))
-    must("is_success" in seen["next"].keys(), "info is missing")
+    must("is_success" in seen["next"], "info is missing")
     return equal_to_single(env_id, seen)
 
 
