@@ -180,6 +180,7 @@ class Core(ABC):
         hidden_names: of the entries of `info` that tell hidden parameters.
         randomization: of what differs from episode to episode.
         randomizable: names of what may differ.
+        can_fail: whether an episode may be terminated; a subclass whose episodes end by the time limit alone says False.
         dynamics: parameters of the dynamic simulation; None in a quasi-static one.
         engine: of the dynamic simulation; None in a quasi-static one.
     """
@@ -196,6 +197,7 @@ class Core(ABC):
     hidden_names: tuple[str, ...]
     randomization: Randomization = Randomization()
     randomizable: frozenset[str] = frozenset()
+    can_fail: bool = True
     dynamics: Dynamics | None = None
     engine: "Engine | None" = None
     observation_space: spaces.Dict
