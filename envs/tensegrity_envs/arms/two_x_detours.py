@@ -3,8 +3,6 @@
 from functools import cache
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from tensegrity_envs.compiler.jit import Compiled
 from tensegrity_envs.compiler.lowering import Matrix, Table, Vector
@@ -23,6 +21,9 @@ class Detours:
     """
 
     def __init__(self, design: TwoXDesign) -> None:
+        from scipy.sparse import coo_array  # slow to import, and only needed here
+        from scipy.sparse.csgraph import dijkstra
+
         arm, n = TwoX(design), _NODES
         self._step = _FULL_TURN / n
         axis = np.arange(n) * self._step
