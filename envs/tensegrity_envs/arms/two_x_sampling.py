@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
@@ -53,6 +52,8 @@ class Sampler:
     """
 
     def __init__(self, design: TwoXDesign, payload_range: tuple[float, float] | None = None) -> None:
+        from scipy import ndimage  # slow to import, and only needed here
+
         self.design = design
         self.payload_range = payload_range
         low, high = checked_range("payload_range", payload_range, "kg", (float(design.payload), float(design.payload)))
