@@ -180,7 +180,7 @@ class Core(ABC):
         hidden_names: of the entries of `info` that tell hidden parameters.
         randomization: of what differs from episode to episode.
         randomizable: names of what may differ.
-        can_fail: whether an episode may be terminated; a subclass whose episodes end by the time limit alone says False.
+        can_fail: whether episodes may be terminated; a subclass whose episodes end by the time limit alone says False.
         dynamics: parameters of the dynamic simulation; None in a quasi-static one.
         engine: of the dynamic simulation; None in a quasi-static one.
     """

@@ -65,7 +65,7 @@ def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics, textu
         add_view(spec, linkage.extent, textures)
         bodies = add_platform(spec, linkage, dynamics, radius)
     else:
-        _add_surroundings(spec, linkage.extent)
+        _add_surroundings(spec, linkage.extent, textures)
         bodies = _add_bodies(spec, linkage, dynamics, radius)
     tip = bodies[linkage.owner("P")].add_body(name=TIP_BODY, pos=_point(linkage.local("P", linkage.owner("P"))))
     # A weld, so that forces applied to it act at P and a point mass has its weight there.
@@ -129,18 +129,19 @@ def _add_looks(spec: mujoco.MjSpec, length: float, textures: bool) -> None:
     wall.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "wall"
 
 
-def _add_surroundings(spec: mujoco.MjSpec, length: float) -> None:
+def _add_surroundings(spec: mujoco.MjSpec, length: float, textures: bool) -> None:
     """Sky, light, and a camera in front of the plane of the mechanism, which is upright: the ground is far below."""
     world = spec.worldbody
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.90, 0.93, 0.96],
-        rgb2=[0.70, 0.75, 0.81],
-        width=256,
-        height=256,
-    )
+    if textures:
+        spec.add_texture(
+            name="sky",
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+            rgb1=[0.90, 0.93, 0.96],
+            rgb2=[0.70, 0.75, 0.81],
+            width=256,
+            height=256,
+        )
     world.add_light(
         pos=[-0.8 * length, -2.2 * length, 1.8 * length],
         dir=[0.35, 1.0, -0.75],
