@@ -1,5 +1,9 @@
 """Compiled component code gives what the same code gives on floats and arrays."""
 
+import copy
+import pickle
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tensegrity_envs.compiler.kernel import evaluate
+from tensegrity_envs.compiler.kernel import Kernel, evaluate
 from tensegrity_envs.compiler.namespace import namespace_of, to_single
 from tensegrity_envs.compiler.pytree import Schema, tree_leaves
 from tensegrity_envs.mechanics import MURALIDHARAN2022, DualTriangle, TwoX
@@ -171,3 +175,16 @@ def test_a_layout_packs_and_unpacks():
     assert one == {"a": (1.0, False), "b": [2], "c": "kept"}
     with pytest.raises(ValueError, match="expected"):
         schema.pack({"a": (np.arange(3.0),)}, 3)
+
+
+def test_kernels_survive_copies_and_pickles(tmp_path):
+    """Machine code does not: another process finds it on disk or makes it anew."""
+    kernel = Kernel(lambda x: (x[0] * 2.5, namespace_of(x[0]).sin(x[1])), Schema((np.zeros(1), np.zeros(1))))
+    x = np.arange(6.0).reshape(2, 3)
+    assert copy.deepcopy(kernel) is kernel
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(kernel))(x), kernel(x))
+    file = tmp_path / "kernel.pickle"
+    file.write_bytes(pickle.dumps(kernel))
+    code = f"import pickle, numpy as np; print(pickle.load(open({str(file)!r}, 'rb'))(np.arange(6.0).reshape(2, 3))[0])"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "[0.  2.5 5. ]"

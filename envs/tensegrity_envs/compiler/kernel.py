@@ -75,6 +75,20 @@ class Kernel:
         self._free.append(work)
         return out
 
+    def __deepcopy__(self, memo: Any) -> "Kernel":
+        """Itself: nothing of it changes."""
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the machine code, which another process finds on disk or makes anew from the graph."""
+        return {name: value for name, value in vars(self).items() if name not in ("_run", "_rows", "_free")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Find or make the machine code."""
+        vars(self).update(state)
+        self._run, self._rows = _compiled(self.graph, self._first, self.result.size)
+        self._free = []
+
     def _checked(self, matrices: tuple[np.ndarray, ...], n: int) -> list[np.ndarray]:
         """The matrices as compiled code reads them."""
         for matrix, schema in zip(matrices, self.schemas, strict=True):
