@@ -71,7 +71,9 @@ class Kernel:
         out = np.empty((self.result.size, matrices[0].shape[1]))
         work = self._free.pop() if self._free else np.empty(self._rows * BLOCK)
         if self._run(self._constants, work, out, *matrices) is not True:
-            self._run(self._constants, work, out, *self._checked(matrices, out.shape[1]))
+            done = self._run(self._constants, work, out, *self._checked(matrices, out.shape[1]))
+            if done is not True:  # never hand out what was not computed
+                raise RuntimeError("compiled code refuses its arguments; please report this with the array's `flags`")
         self._free.append(work)
         return out
 
@@ -86,6 +88,7 @@ class Kernel:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Find or make the machine code."""
         vars(self).update(state)
+        self._constants = _own(self._constants)
         self._run, self._rows = _compiled(self.graph, self._first, self.result.size)
         self._free = []
 
@@ -94,7 +97,16 @@ class Kernel:
         for matrix, schema in zip(matrices, self.schemas, strict=True):
             if matrix.ndim != 2 or matrix.shape[0] < schema.size or matrix.shape[1] != n:
                 raise ValueError(f"a matrix of shape {matrix.shape}: must be ({schema.size}, {n})")
-        return [np.ascontiguousarray(matrix, float) for matrix in matrices]
+        return [_own(matrix) for matrix in matrices]
+
+
+def _own(array: np.ndarray) -> np.ndarray:
+    """A copy of NumPy's own dtype: that of an array that was pickled is equal to it, but another object, and so is that
+    of all that is computed from such an array.
+    """
+    own = np.empty(array.shape)
+    own[...] = array
+    return own
 
 
 def _lifted(function: Callable[..., Any], lifting: Lifting) -> Callable[..., Any]:
