@@ -179,15 +179,15 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         }
 
     def _info(self) -> dict[str, Any]:
-        values = self._values
+        values, column = self._values, self._outcome[:, 0]
         info: dict[str, Any] = {}
         for name, first, end, kind in self.core.info_entries:
             # All with a dtype, which clients ask for (TorchRL). Truths are arrays of shape (): of NumPy's bool scalars
             # Gymnasium's vectors make arrays of objects.
             if end is not None:
-                info[name] = np.array(values[first:end])
+                info[name] = column[first:end].copy()
             elif kind == "float":
-                info[name] = np.float64(values[first])
+                info[name] = column[first]
             else:
                 info[name] = np.array(values[first] != 0) if kind == "bool" else np.int64(values[first])
         info["step"] = np.int64(self._steps)
