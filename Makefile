@@ -1,17 +1,20 @@
-# make compare [ENV=TwoXReach-v0]   the main job: train, compare, report          make test    all tests
+# make compare [ENV=TwoXReach-v0]   the main job: train, compare, report          make test    the tests; make test-all   more of them
 # make check                        ruff, formatting, mypy                        make bench   speeds, as ratios
-# make analyze                      the papers' figures, regions, numbers
+# make analyze                      the papers' figures, regions, numbers            make film    the film in README
 ENV ?= TwoXReach-v0
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: compare test check bench analyze install clean
+.PHONY: compare test test-all check bench analyze film install clean
 
 compare: .venv/installed
 	$(BIN)/python scripts/compare.py --env $(ENV)
 
 test: .venv/installed
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
+
+test-all: .venv/installed
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --full
 
 check: .venv/installed
 	$(BIN)/ruff check .
@@ -27,6 +30,10 @@ analyze: .venv/installed
 	$(BIN)/python scripts/analyze.py dual-triangle
 	$(BIN)/python scripts/analyze.py planar-four-bar
 	$(BIN)/python scripts/analyze.py spatial-prism
+
+film: .venv/installed
+	$(BIN)/python scripts/compare.py --env TwoXReach-v0
+	cp results/TwoXReach-v0/side_by_side.gif docs/pictures/side_by_side.gif
 
 install: .venv/installed
 

@@ -7,11 +7,12 @@ import typer
 from rich.table import Table
 
 from tensegrity_agents import benchmark
-from tensegrity_agents.console import clear_errors, console, find_experiment
+from tensegrity_agents.config import ConfigError
+from tensegrity_agents.console import clear_errors, console, find_experiment, say
 
 
 def main(
-    only: Annotated[str, typer.Option(help="single, vector, dynamics, ppo, redundancy, or all")] = "all",
+    only: Annotated[str, typer.Option(help="one part: single, vector, dynamics, ppo or redundancy")] = "all",
     config: Annotated[Path, typer.Option(help="settings of PPO")] = Path("configs/two_x_reach.yaml"),
 ) -> None:
     """Measure steps per second of single and vector environments and of PPO.
@@ -20,11 +21,12 @@ def main(
     """
     with clear_errors():
         if only not in ("all", "single", "vector", "dynamics", "ppo", "redundancy"):
-            raise ValueError(f"--only {only}: must be single, vector, dynamics, ppo, redundancy or all")
+            raise ConfigError(f"--only {only}: must be single, vector, dynamics, ppo, redundancy or all")
 
         def progress(what: str) -> None:
-            console.print(f"[dim]{what}[/]", highlight=False)
+            console.print(what, style="dim", markup=False, highlight=False)
 
+        settings = find_experiment(config, None) if only in ("all", "ppo") else None
         lines = []
         if only in ("all", "single"):
             lines += benchmark.single(progress=progress)
@@ -32,8 +34,8 @@ def main(
             lines += benchmark.vector(progress=progress)
         if only in ("all", "dynamics"):
             lines += benchmark.dynamics(progress=progress)
-        if only in ("all", "ppo"):
-            lines += benchmark.ppo(find_experiment(config, None), progress=progress)
+        if settings is not None:
+            lines += benchmark.ppo(settings, progress=progress)
         if only in ("all", "redundancy"):
             lines += benchmark.redundancy(progress=progress)
         table = Table("measured", "steps/s", f"ratio to {benchmark.REFERENCE}", "goal")
@@ -44,7 +46,7 @@ def main(
         if only in ("all", "vector"):
             for env_id in benchmark.RESTING:
                 shares = ", ".join(f"{name} {share:.0%}" for name, share in benchmark.shares(env_id).items())
-                console.print(f"where a vector step of {env_id} goes: {shares}", highlight=False, soft_wrap=True)
+                say(f"where a vector step of {env_id} goes: {shares}")
 
 
 if __name__ == "__main__":

@@ -1,45 +1,68 @@
 """Train agents: one for every seed of a config.
 
-A killed run goes on from its last checkpoint when it is started again.
+A run that was stopped at any moment goes on when the same command is given again.
 """
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from tensegrity_agents.console import clear_errors, console, find_experiment, progress_bar
+from tensegrity_agents.console import (
+    GO_ON,
+    Config,
+    Design,
+    EnvOfConfig,
+    Fresh,
+    LoadRange,
+    Out,
+    PayloadRange,
+    Randomization,
+    Seeds,
+    Tolerance,
+    checked_folder,
+    clear_errors,
+    explain_options,
+    find_experiment,
+    parse_options,
+    parse_seeds,
+    progress_bar,
+    say,
+)
 from tensegrity_agents.evaluation.compare import train_agents
 
-Config = Annotated[Path | None, typer.Option(help="YAML file, such as configs/two_x_reach.yaml")]
-Env = Annotated[
-    str | None, typer.Option(help="instead of a config: the one in configs/ for this id, such as TwoXTensionReach-v0")
-]
-Out = Annotated[Path | None, typer.Option(help="results folder [default: results/<environment>]")]
-Seeds = Annotated[str | None, typer.Option(help="training seeds instead of the config's, such as 0,1,2")]
-Fresh = Annotated[bool, typer.Option(help="train anew even where an agent or a checkpoint is there")]
 
-
-def main(config: Config = None, env: Env = None, out: Out = None, seeds: Seeds = None, fresh: Fresh = False) -> None:
+def main(
+    config: Config = None,
+    env: EnvOfConfig = None,
+    out: Out = None,
+    seeds: Seeds = None,
+    design: Design = None,
+    randomization: Randomization = None,
+    tolerance: Tolerance = None,
+    load_range: LoadRange = None,
+    payload_range: PayloadRange = None,
+    fresh: Fresh = False,
+) -> None:
     """Train agents as a config says.
 
     Writes <out>/agent-<seed>/policy.safetensors and policy.json (load them with
-    tensegrity_agents.sb3.policy_file.load_policy), checkpoint.pt, progress.csv and TensorBoard logs. Interrupt it
-    whenever you like: the same command goes on.
+    tensegrity_agents.sb3.policy_file.load_policy), checkpoint.pt, progress.csv (training episodes), evaluation.csv
+    (the agent without noise on validation episodes) and TensorBoard logs. Interrupt it whenever you like: the same
+    command goes on.
 
     Example: python scripts/train.py --config configs/two_x_reach.yaml --seeds 0,1,2,3,4
     """
-    with clear_errors():
-        experiment = find_experiment(config, env or (None if config else "TwoXReach-v0"))
-        if seeds:
-            experiment = type(experiment)(
-                **experiment.model_dump() | {"seeds": [int(part) for part in seeds.split(",")]}
-            )
-        folder = out or Path("results") / experiment.env.split("/")[1]
+    with clear_errors(GO_ON):
+        changes = parse_options(design, randomization, tolerance, load_range, payload_range)
+        if seeds is not None:
+            changes["seeds"] = parse_seeds(seeds)
+        experiment = find_experiment(config, env).changed(**changes)
+        folder = checked_folder(out or Path("results") / experiment.results_name, "--out")
+        explain_options(experiment.env, experiment.options)
         with progress_bar() as progress:
             agents = train_agents(experiment, folder, progress, fresh)
         for seed, agent in agents.items():
-            console.print(
+            say(
                 f"seed {seed}: {agent.description['timesteps']:,} steps "
                 f"in {agent.description['training_seconds']:.0f} s -> {folder}/agent-{seed}"
             )

@@ -3,6 +3,7 @@ import math
 import subprocess
 import sys
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -262,3 +263,34 @@ def test_a_viewer_without_display_says_what_to_do(monkeypatch, display):
     with pytest.raises(RuntimeError, match=r"DISPLAY.*rgb_array"):
         Viewer()
     assert not pygame.display.get_init()
+
+
+@pytest.mark.parametrize("name", ["TwoXReach", "DualTriangleReach", "PlanarFourBarReach", "SpatialPrismTrack"])
+def test_arm_and_goal_fill_the_picture_and_are_inside(name):
+    """Over 40 episodes everything is inside the frame, and at least 80% of its width or height is used."""
+    env = gym.make(f"tensegrity_envs:tensegrity/{name}-v0").unwrapped
+    points = []
+    for seed in range(40):
+        env.reset(seed=seed)
+        scene = env.scene()
+        here = np.array([*scene.nodes.values(), scene.tip, scene.target], float)
+        points.append((here - scene.centre) / scene.reach)
+    points = np.concatenate(points)
+    assert np.abs(points).max() <= 1.0
+    assert np.ptp(points, axis=0).max() > 1.6
+    env.close()
+
+
+def test_the_posture_to_be_reached_is_drawn():
+    env = gym.make("tensegrity_envs:tensegrity/TwoXPostureChange-v0").unwrapped
+    env.reset(seed=0)
+    scene = env.scene()
+    goal = 2 * np.array(env.episode.goal, float)
+    for name, place in env.core.nominal.nodes(tuple(goal)).items():
+        np.testing.assert_allclose(scene.ghost[name], place)
+    pixels = changed(draw(scene), draw(dataclasses.replace(scene, ghost=None)))
+    view = View((600, 600), scene.reach, centre=scene.centre)
+    ends = [np.array(view.pixel(scene.ghost[node])) for node in scene.members[0].nodes]
+    middle = (ends[0] + ends[1]) / 2
+    assert np.abs(pixels - middle).max(axis=1).min() < 4
+    env.close()

@@ -16,14 +16,15 @@ from typing import Any
 
 import numpy as np
 import shapely
-import yaml
 from matplotlib.figure import Figure
 
+from tensegrity_agents import env_options
 from tensegrity_agents.reporting import analysis_dual_triangle as dual
 from tensegrity_agents.reporting import analysis_planar_four_bar as four_bar
 from tensegrity_agents.reporting import analysis_spatial_prism as spatial
 from tensegrity_agents.reporting import analysis_two_x as draw
 from tensegrity_agents.reporting.analysis_page import write_page
+from tensegrity_agents.reporting.browse_mechanisms import dual_triangle_page, four_bar_page, spatial_prism_page
 from tensegrity_agents.reporting.figures import save
 from tensegrity_envs.mechanics import accessibility, workspace
 from tensegrity_envs.mechanics.dual_triangle import (
@@ -72,36 +73,55 @@ def parse_design(text: str, named: Mapping[str, Callable[[], Any]]) -> tuple[str
     Raises:
         ValueError: unknown name or field, a value that is not a number, or a design that is not valid.
     """
-    first, *changes = (part.strip() for part in text.split(","))
-    base = next(iter(named.values()))()
+    base_name, values = _read_design(text, named)
+    base = named[base_name]()
     fields = {field.name for field in dataclasses.fields(base)}
-    values: dict[str, Any] = {}
-    if first.endswith((".yaml", ".yml")):
-        try:
-            content = yaml.safe_load(Path(first).read_text())
-        except (OSError, yaml.YAMLError) as error:
-            raise ValueError(f"--design {text}: cannot read {first}: {error}") from error
-        if not isinstance(content, dict):
-            raise ValueError(f"--design {text}: {first} must hold the fields of a design, such as 'b: 0.05'")
-        values |= content
-    elif first in named:
-        base = named[first]()
-    else:
-        raise ValueError(f"--design {text}: must begin with one of {', '.join(named)}, or with the name of a YAML file")
-    for change in changes:
-        name, _, value = change.partition("=")
-        try:
-            values[name.strip()] = float(value)
-        except ValueError:
-            raise ValueError(f"--design {text}: {change!r} must be field=number") from None
     if unknown := sorted(str(name) for name in values if name not in fields):
         raise ValueError(f"--design {text}: unknown {', '.join(unknown)}; the fields are {', '.join(sorted(fields))}")
     try:
         design = replace(base, **values)
-    except TypeError as error:
+    except (TypeError, ValueError) as error:
         raise ValueError(f"--design {text}: {error}") from error
+    first, *changes = (part.strip() for part in text.split(","))
     stem = Path(first).stem if first not in named else first
     return re.sub(r"[^A-Za-z0-9_.=-]+", "_", "_".join([stem, *changes])), design
+
+
+def _read_design(text: str, named: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The name of the design that other fields come from, and the fields that are given."""
+    given = env_options.parse_design(text)
+    if isinstance(given, str):
+        given = {"base": given}
+    base = given.pop("base", next(iter(named)))
+    if base not in named:
+        raise ValueError(
+            f"--design {text}: must begin with one of {', '.join(named)}, or with the name of a YAML file; or name one "
+            "of them as 'base'"
+        )
+    return str(base), given
+
+
+def notes_on_designs(mechanism: str, designs: Sequence[str]) -> list[str]:
+    """Lines that say from which designs those fields come that are not given.
+
+    Raises:
+        ValueError: unknown mechanism, or see `parse_design`.
+    """
+    notes = []
+    for text in designs:
+        named = _analysis_of(mechanism).designs
+        parse_design(text, named)
+        base, given = _read_design(text, named)
+        if given:
+            changed = ", ".join(f"{name} = {value!r}" for name, value in given.items())
+            notes.append(f"{text}: {changed}; all other fields are those of {base}")
+    return notes
+
+
+def _analysis_of(mechanism: str) -> Analysis:
+    if mechanism not in ANALYSES:
+        raise ValueError(f"unknown mechanism {mechanism!r}: there are analyses of {', '.join(ANALYSES)}")
+    return ANALYSES[mechanism]
 
 
 def analyze(mechanism: str, designs: Sequence[str], out: Path, progress: Progress) -> dict[str, Numbers]:
@@ -119,9 +139,7 @@ def analyze(mechanism: str, designs: Sequence[str], out: Path, progress: Progres
     Raises:
         ValueError: unknown mechanism, or see `parse_design`.
     """
-    if mechanism not in ANALYSES:
-        raise ValueError(f"unknown mechanism {mechanism!r}: there are analyses of {', '.join(ANALYSES)}")
-    chosen = ANALYSES[mechanism]
+    chosen = _analysis_of(mechanism)
     parsed = dict(parse_design(text, chosen.designs) for text in (designs or chosen.default))
     numbers = chosen.run(parsed, out, progress)
     for name, table in numbers.items():
@@ -147,6 +165,43 @@ def as_text(value: float | int | bool | str) -> str:
 
 def _write_geojson(features: Sequence[Mapping[str, Any]], path: Path, **properties: Any) -> None:
     path.write_text(json.dumps(feature_collection(features, **properties)))
+
+
+TITLES = {
+    "muralidharan_fig3_boundary_points": "Boundary points of the stable wrench-feasible joint space",
+    "muralidharan_fig4_swfj_swfw": "Stable wrench-feasible joint space and workspace",
+    "active_conditions": "What bounds the stable wrench-feasible set",
+    "furet_fig3_boundaries": "Regions by number of inverse solutions",
+    "furet_fig4_inverse_solutions": "All inverse solutions",
+    "furet_fig6_regions_by_type": "Regions by types of inverse solutions",
+    "furet_fig7_joint_limits": "Regions by number of inverse solutions within joint limits",
+    "posture_change": "A change of posture without a singularity",
+    "zhao_fig2_torque": "Torque of the springs of a segment",
+    "zhao_fig3_control": "Control input and its sensitivity",
+    "zhao_fig5_redundancy": "Postures by three objectives",
+    "zhao_fig6_control_over_targets": "Control inputs along lines of targets",
+    "buckling": "Straight and buckled equilibria under an axial push",
+    "loaded_workspace": "Where the tip can be held under an axial push",
+    "critical_load": "Critical push by tip position",
+    "ji_fig2_actuator_workspace": "Actuator workspace",
+    "ji_fig3_output_workspace": "Output workspace by mode",
+    "singular_configurations": "Singular configurations",
+    "thrusts": "Thrusts of the actuators",
+    "energy_landscape": "Energy and equilibria",
+    "jahromy_fig4_forces_eq31": "Forces along the trajectory of Eq. 31",
+    "jahromy_fig5_forces_eq32": "Forces along the trajectory of Eq. 32",
+    "compliance": "Compliance of the unloaded platform",
+    "unloading_limits": "Smallest force at which something goes slack",
+    "unloading_directions": "Force at which something goes slack by its direction",
+    "pictures": "The prism at rest and under load",
+    "workspace": "Workspace without a load",
+}
+
+
+def _save(figure: Figure, stem: Path, remark: str = "") -> None:
+    """Write a figure under its title and the name of its design, which is that of its folder."""
+    name = "" if stem.name == "furet_fig3_boundaries" else stem.parent.name
+    save(figure, stem, ": ".join(part for part in (name, TITLES[stem.name] + remark) if part))
 
 
 class _Steps:
@@ -186,7 +241,7 @@ def _analyze_two_x(designs: Mapping[str, TwoXDesign], out: Path, progress: Progr
         step.finish()
     if plain:
         titles = {f"L = {a.mechanism.design.l:g}, b = {a.mechanism.design.b:.4g}": a for a in plain.values()}
-        save(draw.workspace_boundaries(titles), out / "furet_fig3_boundaries")
+        _save(draw.workspace_boundaries(titles), out / "furet_fig3_boundaries")
     return numbers
 
 
@@ -206,7 +261,7 @@ def _stable_set(mechanism: TwoX, name: str, folder: Path, step: Callable[[str], 
         "active_conditions": draw.active_conditions(mechanism, traced, found),
     }
     for stem, figure in figures.items():
-        save(figure, folder / stem)
+        _save(figure, folder / stem)
     step("regions")
     _write_geojson(traced.to_features(), folder / "swfj.geojson", coordinates="alpha_1, alpha_2 [rad]")
     _write_geojson(found.to_features(), folder / "swfw.geojson", coordinates="x, y [m]")
@@ -243,13 +298,14 @@ def _accessibility(mechanism: TwoX, folder: Path, step: Callable[[str], None]) -
     step("inverse solutions")
     target = _showpiece(found)
     solutions = mechanism.inverse_kinematics(*target)
-    save(draw.inverse_solutions(mechanism, solutions, target), folder / "furet_fig4_inverse_solutions")
+    where = f" with the tip at ({target[0]:.4g}, {target[1]:.4g}) m"
+    _save(draw.inverse_solutions(mechanism, solutions, target), folder / "furet_fig4_inverse_solutions", where)
     step("figures")
-    save(draw.regions_by_type(found), folder / "furet_fig6_regions_by_type")
+    _save(draw.regions_by_type(found), folder / "furet_fig6_regions_by_type")
     step("joint limits")
     narrow = min(float(mechanism.design.joint_limit), 2 * math.pi / 3)  # theta within pi / 3, as in the paper
     limited = accessibility.accessibility(TwoX(replace(mechanism.design, joint_limit=narrow)))
-    save(draw.joint_limited(limited), folder / "furet_fig7_joint_limits")
+    _save(draw.joint_limited(limited), folder / "furet_fig7_joint_limits")
     _write_geojson(limited.to_features(), folder / "joint_limits.geojson", coordinates="x, y [m]")
     step("posture change")
     if not mechanism.design.a:
@@ -259,7 +315,7 @@ def _accessibility(mechanism: TwoX, folder: Path, step: Callable[[str], None]) -
             except ValueError:
                 continue  # within joint limits two solutions of one sign may be in different aspects
             figure = draw.posture_change(found, path, accessibility.aspects(mechanism), pair[1])
-            save(figure, folder / "posture_change")
+            _save(figure, folder / "posture_change")
             np.savetxt(
                 folder / "posture_change.csv",
                 np.column_stack([path.configurations, path.tips, path.singularity]),
@@ -332,11 +388,14 @@ def _analyze_dual_triangle(
             "buckling": partial(dual.buckling, arm),
             "loaded_workspace": partial(dual.loaded_workspace, arm),
             "critical_load": partial(dual.critical_load_map, arm),
+            "workspace": partial(dual.workspace, arm),
         }
-        step = _Steps(name, len(drawings), progress)
+        step = _Steps(name, len(drawings) + 1, progress)
         for stem, drawing in drawings.items():
             step(stem)
-            save(drawing(), folder / stem)
+            _save(drawing(), folder / stem)
+        step("page")
+        dual_triangle_page(arm, folder / "browse.html", f"Workspace without a load: {name}")
         step.finish()
     return {name: dual.numbers(arm) for name, arm in arms.items()}
 
@@ -349,7 +408,7 @@ def _analyze_planar_four_bar(
         folder = out / name
         folder.mkdir(parents=True, exist_ok=True)
         arm, l = PlanarFourBar(design), float(design.length)
-        progress(name, 0, 7, "workspaces")
+        progress(name, 0, 8, "workspaces")
         tips = {mode: output_workspace(arm, mode) for mode in MODES}
         drawings: dict[str, Callable[[], Figure]] = {
             "ji_fig2_actuator_workspace": partial(four_bar.actuator_workspaces, arm),
@@ -358,15 +417,17 @@ def _analyze_planar_four_bar(
             "thrusts": partial(four_bar.thrust_map, arm),
             "energy_landscape": partial(four_bar.energy_landscape, arm, (1.4 * l, 1.2 * l)),
         }
-        step = _Steps(name, len(drawings) + 2, progress)
+        step = _Steps(name, len(drawings) + 3, progress)
         for stem, drawing in drawings.items():
             step(stem)
-            save(drawing(), folder / stem)
+            _save(drawing(), folder / stem)
         step("regions")
         for mode in MODES:
             inputs = actuator_workspace(arm, mode).trace()
             _write_geojson(inputs.to_features(), folder / f"actuator_{mode}.geojson", coordinates="rho1, rho2 [m]")
             _write_geojson(tips[mode].to_features(), folder / f"output_{mode}.geojson", coordinates="x, y [m]")
+        step("page")
+        four_bar_page(arm, tips, folder / "browse.html", f"Output workspace: {name}")
         step("numbers")
         table[name] = four_bar.numbers(arm, tips)
         step.finish()
@@ -389,11 +450,14 @@ def _analyze_spatial_prism(
             "unloading_limits": partial(spatial.unloading_maps, prism),
             "unloading_directions": partial(spatial.polar_limits, prism),
             "pictures": partial(spatial.pictures, prism),
+            "workspace": partial(spatial.workspace, prism),
         }
-        step = _Steps(name, len(drawings), progress)
+        step = _Steps(name, len(drawings) + 1, progress)
         for stem, drawing in drawings.items():
             step(stem)
-            save(drawing(), folder / stem)
+            _save(drawing(), folder / stem)
+        step("page")
+        spatial_prism_page(prism, folder / "browse.html", f"Spatial prism: {name}")
         step.finish()
         numbers[name] = spatial.numbers(prism)
     return numbers

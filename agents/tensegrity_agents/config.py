@@ -5,20 +5,28 @@ from pathlib import Path
 from typing import Any, Literal
 
 import gymnasium as gym
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PositiveFloat,
+    PositiveInt,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 import tensegrity_envs
+from tensegrity_agents import env_options
 from tensegrity_agents.controllers import baselines_of
 from tensegrity_agents.sb3.hints import Hints
+from tensegrity_agents.yaml_file import ConfigError, read_yaml
 
-
-class ConfigError(ValueError):
-    """A config that cannot be used; the message names file, key, what was given and what would work."""
+__all__ = ["ConfigError", "Experiment", "TrainConfig", "known_env", "load_experiment"]
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class PPOSettings(_Strict):
@@ -26,6 +34,13 @@ class PPOSettings(_Strict):
 
     num_envs: int = Field(512, ge=1, description="environments stepped as one batch")
     n_steps: int = Field(16, ge=1)
+
+    @model_validator(mode="after")
+    def _is_a_batch(self) -> "PPOSettings":
+        if self.num_envs * self.n_steps < 2:
+            raise ValueError("num_envs * n_steps must be at least 2: advantages are normalized over a rollout")
+        return self
+
     batch_size: int = Field(4096, ge=2)
     n_epochs: int = Field(8, ge=1)
     gamma: float = Field(0.95, gt=0, le=1)
@@ -59,9 +74,9 @@ class TrainConfig(_Strict):
     segment_timesteps: int = Field(
         500_000, ge=1, description="a checkpoint after each; environments are reset and random numbers reseeded there"
     )
-    net_arch: list[int] = Field([128, 128], min_length=1)
+    net_arch: list[PositiveInt] = Field([128, 128], min_length=1)
     activation: Literal["relu", "tanh"] = "relu"
-    goal_error_scales: list[float] = Field([0.5, 0.1, 0.02], min_length=1, description="see GoalErrorExtractor")
+    goal_error_scales: list[PositiveFloat] = Field([0.5, 0.1, 0.02], min_length=1, description="see GoalErrorExtractor")
     goal_scale: float = Field(
         0.5, gt=0, description="divides goals before the network sees them [m]; such as half the reach"
     )
@@ -69,7 +84,11 @@ class TrainConfig(_Strict):
     model_hints: bool = Field(
         False, description="the nominal model tells the agent what it makes of the observation, see sb3.hints"
     )
-    env_options: dict[str, Any] = Field({}, description="further arguments of the environment while training")
+    env_options: dict[str, Any] = Field(
+        {},
+        description="further arguments of the environment while training; its design, randomization, tolerance and "
+        "ranges of loads count in the evaluation, too, unless the experiment says otherwise",
+    )
     ppo: PPOSettings = PPOSettings()
     off_policy: OffPolicySettings = OffPolicySettings()
     threads: int = Field(1, ge=1, description="Torch threads; more than one is slow where other programs run beside it")
@@ -86,16 +105,46 @@ class Experiment(_Strict):
     )
     episodes: int = Field(1000, ge=1, description="held-out test episodes")
     video_episode: int = Field(0, ge=0, description="which test episode the video shows")
+    design: Any = Field(None, description="name of a published design, some fields, or a YAML file with fields")
+    randomization: dict[str, Any] | None = Field(None, description="what differs between episodes, with its ranges")
+    tolerance: float | None = Field(None, gt=0, description="distance from the target that counts as reached")
+    load_range: list[float] | None = Field(None, description="of unknown loads at the tip, as the environment has it")
+    payload_range: list[float] | None = Field(None, description="of unknown payloads [kg]")
 
     @field_validator("env")
     @classmethod
     def _known_env(cls, value: str) -> str:
-        value = value if value.startswith("tensegrity/") else f"tensegrity/{value}"
-        if value not in tensegrity_envs.ENV_IDS:
-            close = get_close_matches(value, tensegrity_envs.ENV_IDS, 1)
-            hint = f" (did you mean {close[0]}?)" if close else ""
-            raise ValueError(f"no environment {value!r}{hint}; there are {', '.join(tensegrity_envs.ENV_IDS)}")
-        return value
+        return known_env(value)
+
+    @field_validator("design")
+    @classmethod
+    def _readable_design(cls, value: Any) -> Any:
+        return env_options.parse_design(value, "design:") if isinstance(value, str) else value
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The environment's options that count in training and evaluation."""
+        given = {name: getattr(self, name) for name in env_options.NAMES}
+        own = {name: value for name, value in given.items() if value is not None}
+        return {name: value for name, value in self.train.env_options.items() if name in env_options.NAMES} | own
+
+    @property
+    def training_options(self) -> dict[str, Any]:
+        """Those of the training environments."""
+        return self.options | self.train.env_options
+
+    @property
+    def results_name(self) -> str:
+        """Name of the folder for results: the environment's; with options of one's own, a hash of these after it."""
+        return env_options.results_name(self.env, self.options)
+
+    def changed(self, **changes: Any) -> "Experiment":
+        """The same experiment with other values, validated.
+
+        Raises:
+            ConfigError: a value does not fit.
+        """
+        return _validated(self.model_dump() | changes, "")
 
     @field_validator("seeds")
     @classmethod
@@ -120,18 +169,47 @@ class Experiment(_Strict):
     @model_validator(mode="after")
     def _hints_are_there(self) -> "Experiment":
         if self.train.model_hints:
-            Hints(self.env)
+            Hints(self.env, self.options)
             if self.train.algorithm != "ppo" and self.train.off_policy.her:
                 raise ValueError("model_hints: true does not go with her: true, which changes goals but not hints")
         return self
 
     @model_validator(mode="after")
-    def _env_options_fit(self) -> "Experiment":
-        try:
-            gym.make(self.env, **self.train.env_options).close()
-        except TypeError as error:
-            raise ValueError(f"env_options {self.train.env_options}: {error}") from error
+    def _options_fit(self) -> "Experiment":
+        evaluated = env_options.check_options(self.env, self.options)
+        trained = env_options.check_options(self.env, self.training_options)
+        spaces = [
+            (core.observation_space["observation"].shape, core.action_space.shape) for core in (evaluated, trained)
+        ]
+        if spaces[0] != spaces[1]:
+            raise ValueError(
+                f"train.env_options: an agent with observations and actions of sizes {spaces[1]} cannot be evaluated "
+                f"on {self.env}, where they are {spaces[0]}"
+            )
         return self
+
+    @model_validator(mode="after")
+    def _hindsight_finds_episodes(self) -> "Experiment":
+        off, limit = self.train.off_policy, gym.spec(self.env).max_episode_steps or 0
+        if self.train.algorithm != "ppo" and off.her and min(off.learning_starts, off.buffer_size) < limit:
+            raise ValueError(
+                f"off_policy: with her: true, learning_starts and buffer_size must be at least one episode, {limit}"
+            )
+        return self
+
+
+def known_env(name: str) -> str:
+    """The full id of an environment of this package, given with or without "tensegrity/".
+
+    Raises:
+        ConfigError: there is none of this name.
+    """
+    full = name if name.startswith("tensegrity/") else f"tensegrity/{name}"
+    if full not in tensegrity_envs.ENV_IDS:
+        close = get_close_matches(full, tensegrity_envs.ENV_IDS, 1)
+        hint = f" (did you mean {close[0]}?)" if close else ""
+        raise ConfigError(f"no environment {name!r}{hint}; there are {', '.join(tensegrity_envs.ENV_IDS)}")
+    return full
 
 
 def load_experiment(path: Path) -> Experiment:
@@ -143,16 +221,15 @@ def load_experiment(path: Path) -> Experiment:
     if not path.is_file():
         others = sorted(str(p) for p in path.parent.glob("*.yaml")) if path.parent.is_dir() else []
         raise ConfigError(f"no config {path}; there are: {', '.join(others) or 'none in that folder'}")
-    try:
-        content = yaml.safe_load(path.read_text())
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path} is not valid YAML: {error}") from error
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: must hold keys and values, such as 'env: tensegrity/TwoXReach-v0'")
+    return _validated(read_yaml(path, "env: tensegrity/TwoXReach-v0"), f"{path}:")
+
+
+def _validated(content: dict[str, Any], where: str) -> Experiment:
     try:
         return Experiment(**content)
     except ValidationError as error:
-        raise ConfigError(f"{path}:\n" + "\n".join(_explain(item) for item in error.errors())) from error
+        lines = [where, *(_explain(item) for item in error.errors())]
+        raise ConfigError("\n".join(line for line in lines if line)) from error
 
 
 def _explain(item: Any) -> str:
@@ -162,7 +239,8 @@ def _explain(item: Any) -> str:
         return f"  {where}: {item['msg'].removeprefix('Value error, ')}{given}"
     model: Any = Experiment
     for part in item["loc"][:-1]:
-        model = model.model_fields[part].annotation
+        if part in getattr(model, "model_fields", {}):
+            model = model.model_fields[part].annotation
     known = list(model.model_fields)
     close = get_close_matches(str(item["loc"][-1]), known, 1)
     hint = f"did you mean {close[0]!r}? " if close else ""

@@ -5,10 +5,12 @@ each environment. A step makes a matrix of outcomes (state, observation, reward,
 of one column, the vector shell of n; both run the same machine code.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from copy import deepcopy
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -18,7 +20,7 @@ from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.compiler.pytree import Schema, is_row, tree_leaves
 from tensegrity_envs.randomization import Randomization
-from tensegrity_envs.rendering import Scene
+from tensegrity_envs.rendering import Scene, frame_around
 from tensegrity_envs.simulation.dynamic import Command, Drivable, DynamicControl, Motion
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Episode, Simulation, State
@@ -27,6 +29,7 @@ from tensegrity_envs.tasks import Task
 if TYPE_CHECKING:
     from tensegrity_envs.simulation.mujoco.engine import Engine
 
+_FRAMED = 256  # episodes whose starts and goals are in the frame of a picture
 _RATE_SCALE = 0.2  # [s], of velocities in observations
 
 
@@ -177,6 +180,7 @@ class Core(ABC):
         hidden_names: of the entries of `info` that tell hidden parameters.
         randomization: of what differs from episode to episode.
         randomizable: names of what may differ.
+        can_fail: whether episodes may be terminated; a subclass whose episodes end by the time limit alone says False.
         dynamics: parameters of the dynamic simulation; None in a quasi-static one.
         engine: of the dynamic simulation; None in a quasi-static one.
     """
@@ -193,10 +197,31 @@ class Core(ABC):
     hidden_names: tuple[str, ...]
     randomization: Randomization = Randomization()
     randomizable: frozenset[str] = frozenset()
+    can_fail: bool = True
     dynamics: Dynamics | None = None
     engine: "Engine | None" = None
     observation_space: spaces.Dict
     action_space: spaces.Box
+
+    def _made_on_use(self) -> dict[str, Any]:
+        """Kernels, layouts and what else follows from the rest, as far as it has been made."""
+        return {
+            name: value
+            for name, value in vars(self).items()
+            if isinstance(getattr(type(self), name, None), cached_property)
+        }
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy in another process needs: the rest is made anew, kernels from the disk."""
+        made = self._made_on_use()
+        return {name: value for name, value in vars(self).items() if name not in made}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Core":
+        """A copy with its own engine. Kernels and layouts never change and take long to make: both have them."""
+        other = object.__new__(type(self))
+        memo[id(self)] = other
+        vars(other).update(deepcopy(self.__getstate__(), memo) | self._made_on_use())
+        return other
 
     @abstractmethod
     def mechanism(self, design: Any) -> Any:
@@ -495,9 +520,7 @@ class Core(ABC):
             return None
         assert self.engine is not None
         keys = episodes[self._varied].T.tolist()
-        return [
-            self.engine.model_of(tuple(key), partial(self._parameters, episodes[:, i])) for i, key in enumerate(keys)
-        ]
+        return self.engine.models_of([tuple(key) for key in keys], lambda i: self._parameters(episodes[:, i]))
 
     def _parameters(self, column: np.ndarray) -> tuple[Any, Dynamics]:
         """Mechanism and dynamics of an episode."""
@@ -624,6 +647,28 @@ class Core(ABC):
             )
         return infos
 
+    def places(self, drawn: Drawn) -> Iterable[Any]:
+        """Positions [m] of the nodes of planar arms at the start of episodes, for the frame of pictures."""
+        return list(self.nominal.nodes(drawn.configuration).values())
+
+    @cached_property
+    def frame(self) -> tuple[tuple[float, float], float]:
+        """Centre [m] and half of the side [m] of the square that pictures show: where the arm and its goals are."""
+        drawn = self.draw(np.zeros(_FRAMED, np.int64), np.arange(_FRAMED))
+        places = list(self.places(drawn))
+        if self.error_unit == "mm":
+            places.append(drawn.episode.goal_at(0.0))
+        return frame_around(places)
+
+    def error_text(self, error: float) -> str:
+        """A distance to the goal for people: thousandths, or whole units for arms as large as a room, to a fiftieth of
+        the tolerance or so.
+        """
+        whole = self.error_unit == "mm" and self.task.tolerance >= 0.02
+        factor, unit = (1, self.error_unit.removeprefix("m")) if whole else (1000, self.error_unit)
+        decimals = max(0, 1 - math.floor(math.log10(factor * self.task.tolerance)))
+        return f"{factor * error:.{decimals}f} {unit}"
+
     def picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
         """What `render` draws."""
         error = float(self.error(np, self.achieved(state), episode.goal_at(state.time)))
@@ -633,8 +678,9 @@ class Core(ABC):
             "tolerance": self.task.tolerance,
             "trace": trace,
             "margins": {"stability": state.stability_margin, "wrench": state.wrench_margin},
-            "caption": f"step {step}   {self.error_name.replace('_', ' ')} {1000 * error:.1f} {self.error_unit}",
-            "reach": self.reach,
+            "caption": f"step {step}   {self.error_name.replace('_', ' ')} {self.error_text(error)}",
+            "centre": self.frame[0],
+            "reach": self.frame[1],
             "failure": FAILURES[state.failure],
         }
         return Scene(**(usual | self.scene(episode, state)))

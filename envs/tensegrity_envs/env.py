@@ -61,6 +61,10 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         self._values: list[float]  # of the outcome
         self._viewer: Viewer | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the window, which belongs to its process."""
+        return self.__dict__ | {"_viewer": None}
+
     @property
     def design(self) -> Any:
         """The nominal design, which controllers are told."""

@@ -5,7 +5,6 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
 
 from tensegrity_envs.seeding import EpisodeStream, uniform
 
@@ -130,6 +129,8 @@ class Randomization:
     @staticmethod
     def normals(key: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:
         """Standard normal numbers of shape (count, n): functions of (key, step) alone, for each of n environments."""
+        from scipy.special import ndtri  # slow to import, and only needed here
+
         place = step.astype(np.int64) * count + np.arange(count)[:, None]
         numbers = uniform(key.astype(np.int64)[None], np.zeros((1, 1), np.int64), place)
         return np.asarray(ndtri(numbers + 2.0**-54))

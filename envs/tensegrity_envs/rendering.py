@@ -9,7 +9,7 @@ Lengths in the picture are counted in units of 1/600 of its shorter side, so tha
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -56,7 +56,7 @@ class Scene:
         trace: past positions of the tip [m], oldest first; the last 200 are drawn.
         margins: what must stay positive, by name; gauges end at -1 and 1.
         caption: one line at the top.
-        reach: what lies this close to the origin is in the picture [m].
+        reach: what lies this close to the centre, sideways and upwards, is in the picture [m].
         failure: why the episode failed, or "".
         base: names of the nodes that the ground carries; None for the first two.
         load: force at the tip [N]; drawn as an arrow.
@@ -64,6 +64,8 @@ class Scene:
         curve: the way of a moving goal [m].
         faces: polygons: corners [m], colour and opacity; opaque ones are painted below the members, others above. With
             faces, members are drawn in their order, the ones behind first.
+        centre: what is in the middle of the picture [m].
+        ghost: the nodes of the posture that is to be reached [m]; its bars are drawn faintly.
     """
 
     nodes: Mapping[str, Point]
@@ -83,21 +85,25 @@ class Scene:
     load_scale: float = 1.0
     curve: Sequence[Point] = ()
     faces: Sequence[tuple[Sequence[Point], Colour, float]] = ()
+    centre: Point = (0.0, 0.0)
+    ghost: Mapping[str, Point] | None = None
 
 
 @dataclass(frozen=True)
 class View:
-    """Where the world is in the picture: `reach` [m] and a small rim around the origin, below a strip for the caption.
+    """Where the world is in the picture: `reach` [m] and a small rim around the centre, below a strip for the caption.
 
     Attributes:
         size: width and height of the picture [pixels].
-        reach: distance from the origin that is surely visible [m].
+        reach: distance from the centre that is surely visible [m].
         zoom: pixels on the canvas per pixel of the picture.
+        centre: what is in the middle [m].
     """
 
     size: tuple[int, int]
     reach: float
     zoom: int = 1
+    centre: Point = (0.0, 0.0)
 
     @property
     def unit(self) -> float:
@@ -130,8 +136,25 @@ class View:
         """Canvas position (to the right, down) of a point of the world [m], kept within ten pictures."""
         x, y = self.size[0] * self.zoom / 2, (self.size[1] * self.zoom + self.strip) / 2
         far = 10.0 * self.zoom * max(self.size)  # pygame needs minutes for lines that are millions of pixels long
-        right, down = self.scale * float(point[0]), -self.scale * float(point[1])
+        right = self.scale * (float(point[0]) - self.centre[0])
+        down = -self.scale * (float(point[1]) - self.centre[1])
         return x + max(-far, min(far, right)), y + max(-far, min(far, down))
+
+
+def frame_around(places: Iterable[Sequence[np.ndarray]]) -> tuple[Point, float]:
+    """The square that holds all points, with a rim for how far an arm swings beyond its starts and goals.
+
+    Args:
+        places: (x, y) of points [m], numbers or arrays.
+
+    Returns:
+        Centre [m] and half of the side [m], as `Scene.centre` and `Scene.reach`.
+    """
+    pairs = list(places)
+    (left, right), (low, high) = (
+        (min(float(np.min(p[k])) for p in pairs), max(float(np.max(p[k])) for p in pairs)) for k in (0, 1)
+    )
+    return ((left + right) / 2, (low + high) / 2), 0.54 * max(right - left, high - low)
 
 
 def tension_colour(tension: float, bounds: tuple[float, float]) -> Colour:
@@ -327,7 +350,7 @@ def _mix(colour: Colour, share: float) -> Colour:
 def _picture(scene: Scene, size: tuple[int, int]) -> "Surface":
     import pygame
 
-    view = View(size, scene.reach, _SUPERSAMPLING)
+    view = View(size, scene.reach, _SUPERSAMPLING, (float(scene.centre[0]), float(scene.centre[1])))
     coloured = {member.kind for member in scene.members if member.kind == "cable" or member.name in scene.tensions}
     legend = next((text for kind, text in _LEGENDS.items() if kind in coloured), "spring force [N]")
     legend = "force [N]" if {"actuator", "cable"} <= coloured else legend
@@ -349,10 +372,10 @@ def _background(view: View, bounds: tuple[float, float] | None, legend: str) -> 
     surface.fill(_PAPER)
     canvas, u = _Canvas(view, surface), view.unit
     (x0, y0), step = view.pixel((0.0, 0.0)), view.scale * view.spacing
-    for i in range(-math.ceil(max(surface.get_size()) / step), math.ceil(max(surface.get_size()) / step) + 1):
-        colour = _GRID if i else _AXIS
-        canvas.box(x0 + i * step - 0.5 * u, 0, max(u, 1), canvas.height, colour)
-        canvas.box(0, y0 + i * step - 0.5 * u, canvas.width, max(u, 1), colour)
+    for i in range(math.ceil(-x0 / step), math.floor((canvas.width - x0) / step) + 1):
+        canvas.box(x0 + i * step - 0.5 * u, 0, max(u, 1), canvas.height, _GRID if i else _AXIS)
+    for i in range(math.ceil(-y0 / step), math.floor((canvas.height - y0) / step) + 1):
+        canvas.box(0, y0 + i * step - 0.5 * u, canvas.width, max(u, 1), _GRID if i else _AXIS)
     canvas.box(0, 0, canvas.width, view.strip, _PAPER)
     canvas.box(0, view.strip, canvas.width, max(u, 1), _AXIS)
 
@@ -416,6 +439,11 @@ def _draw_mechanism(canvas: _Canvas, scene: Scene) -> None:
     trace = [view.pixel(position) for position in scene.trace[-_TRACE_LENGTH:]]
     for i, (start, end) in enumerate(pairwise(trace)):
         canvas.line(start, end, 2.2 * view.unit, _mix(_TIP, 0.1 + 0.6 * (i + 1) / len(trace)))
+    ghost = scene.ghost or {}
+    for member in scene.members:
+        if member.kind == "bar" and ghost:
+            start, end = (view.pixel(ghost[name]) for name in member.nodes)
+            canvas.line(start, end, 4.6 * u, _mix(_TARGET, 0.3))
     base = [nodes[name] for name in (list(nodes)[:2] if scene.base is None else scene.base)]
     if base:
         _draw_ground(canvas, base[0], base[-1], u)

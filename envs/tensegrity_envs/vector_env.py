@@ -202,17 +202,20 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
 
     def _checked_actions(self, actions: Any, ignored: np.ndarray) -> np.ndarray:
         """The actions as columns, clipped to [-1, 1]."""
-        array = np.array(actions, float)
+        array = np.asarray(actions)
         if array.shape != self.action_space.shape:
             raise ValueError(
                 f"actions of shape {array.shape}: must be {self.action_space.shape}, increments in [-1, 1]"
             )
-        fine = np.isfinite(array).all(axis=1)
-        fine[ignored] = True
-        if not fine.all():
-            raise ValueError(f"actions: environment {int(np.argmin(fine))} got one that is not finite")
-        np.clip(array, -1.0, 1.0, out=array)
-        return np.ascontiguousarray(array.T)
+        columns = np.array(array.T, float, order="C")
+        if not np.isfinite(columns.sum()):  # a sum is cheaper, and is finite where all are (but for huge numbers)
+            fine = np.isfinite(columns).all(axis=0)
+            fine[ignored] = True
+            if not fine.all():
+                raise ValueError(f"actions: environment {int(np.argmin(fine))} got one that is not finite")
+        np.maximum(columns, -1.0, out=columns)
+        np.minimum(columns, 1.0, out=columns)
+        return columns
 
     def _same_step(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Begin the next episodes; what was last seen of those that ended moves into final_obs and final_info."""
@@ -269,9 +272,12 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         if self._told is None:
             self._told = _gathered(self.core.info_entries)
         rows, entries = self._told
-        told, steps = outcomes[rows], self._steps.copy()
-        if mask is not None:
-            told[:, ~mask], steps[~mask] = 0.0, 0
+        if mask is None:
+            told, steps = np.take(outcomes, rows, axis=0), self._steps.copy()
+        else:
+            index = np.flatnonzero(mask)
+            told, steps = np.zeros((len(rows), self.num_envs)), np.zeros_like(self._steps)
+            told[:, index], steps[index] = outcomes[rows[:, None], index], self._steps[index]
         info: dict[str, Any] = {}
         for name, first, end, kind in entries:
             if end is not None:
@@ -284,9 +290,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         if self._is_staggered:
             assert self.max_episode_steps is not None
             info["time_limit"] = self.max_episode_steps - self._ahead_of_time
-        masks = np.ones((len(info), self.num_envs), bool)  # each user's own, to write into
-        if mask is not None:
-            masks[:] = mask
+        masks = np.empty((len(info), self.num_envs), bool)  # each user's own, to write into
+        masks[:] = True if mask is None else mask
         info.update(zip([f"_{name}" for name in info], masks, strict=True))
         return info
 

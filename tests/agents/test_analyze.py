@@ -112,7 +112,7 @@ def test_tables_of_points(results):
         ("muralidharan2022,b=wide", "field=number"),
         ("muralidharan2022,l=0.04", "l = 0.04"),
         ("furet2018,b=1.5", "l = "),
-        ("missing.yaml", "cannot read"),
+        ("missing.yaml", "cannot be read"),
     ],
 )
 def test_designs_that_are_refused(text, match):
@@ -132,7 +132,7 @@ def test_designs_by_name_and_file(tmp_path):
     assert "/" not in name
     assert " " not in name
     file.write_text("- 3\n")
-    with pytest.raises(ValueError, match="fields of a design"):
+    with pytest.raises(ValueError, match="keys and values"):
         parse_design(str(file), named)
     file.write_text("b: wide\n")
     with pytest.raises(ValueError, match="number"):
@@ -231,7 +231,9 @@ def test_hover_click_and_release(results, tmp_path):
     script = """<script>
       const log = [], box = svg.work.getBoundingClientRect();
       const at = (kind, p) => { const [u, v] = toWork(p);
-        const place = {clientX: box.left + u * box.width / 600, clientY: box.top + v * box.height / 600};
+        const view = svg.work.viewBox.baseVal;
+        const place = {clientX: box.left + (u - view.x) * box.width / view.width,
+                       clientY: box.top + (v - view.y) * box.height / view.height};
         svg.work.dispatchEvent(new PointerEvent(kind, place));
         log.push(document.getElementById("count").textContent + ":" + document.querySelectorAll(".arm").length); };
       at("pointermove", [0.3, 0.3]); at("click", [0.3, 0.3]); at("pointermove", [0.0, 0.0]);

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import matplotlib as mpl
 import numpy as np
 import pytest
+from figure_laws import faults
 from matplotlib.figure import Figure
 from PIL import Image
 from rich.console import Console
@@ -114,6 +115,49 @@ def test_formats():
     assert {share: table.percent(share) for share in shares} == shares
     lengths = {0.0: "<0.01", 0.0042: "<0.01", 1.234: "1.23", 56.78: "56.8", 567.8: "568", math.inf: "\u221e"}
     assert {length: table.millimetres(length) for length in lengths} == lengths
+    metres = {0.0: "<0.00001", 1.234: "0.00123", 56.78: "0.0568", 567.8: "0.568", 20971.0: "21.0", math.inf: "\u221e"}
+    assert {v: table.error_text({"error": v, "error_unit": "m"}, "error") for v in metres} == metres
+
+
+def test_errors_of_large_arms_are_in_metres():
+    runs = [made_up("ppo")]
+    assert table.summary_rows(runs, 0.7)[0]["error_unit"] == "mm"
+    (row,) = table.summary_rows(runs, 30.0)
+    assert row["error_unit"] == "m"
+    assert "final error [m] median" in table.to_markdown([row])
+    figure = figures.error_distribution(runs, tolerance=0.05)
+    assert figure.axes[0].get_xlabel() == "final error [m]"
+
+
+def test_figures_of_a_comparison_keep_the_laws():
+    """Axes with units, no legend on data, however long the controllers' names are."""
+    runs = [*a_field(5), made_up("PPO agent with hints and more of them", "agent")]
+    rows = table.summary_rows(runs)
+    tips = np.random.default_rng(0).uniform(-0.5, 0.5, (60, 2))
+    ends = figures.Endings(tips, tips[::-1], tips[::-1] + 0.01, np.arange(60) > 20)
+    shade = figures.swfw(MURALIDHARAN2022)
+    look = figures.looks({"an agent of a rather long name": "agent"})
+    paths = {"an agent of a rather long name": [tips[:4]]}
+    for figure in (
+        figures.success_bars(rows),
+        figures.error_distribution(runs),
+        figures.success_over_steps(runs),
+        figures.joint_space(MURALIDHARAN2022, paths, look),
+        figures.tip_paths(shade, paths, tips, look),
+        figures.workspace(shade, ends, "agent"),
+        figures.learning_curve({"seconds": [1, 2], "timesteps": [10, 20], "success": [0, 0.5], "return": [1, 2]}),
+    ):
+        assert [fault for fault in faults(figure) if "cut off" not in fault] == []  # `save` makes room
+
+
+def test_a_push_is_held():
+    def words(score):
+        run = made_up("ppo", episodes=50)
+        run.columns["score"] = np.full(50, score)
+        return report._endings([run])["names"]
+
+    assert "held" in words(1.2)
+    assert "on target" in words(math.nan)
 
 
 @pytest.mark.parametrize("count", [1, 2, 8])
@@ -283,6 +327,8 @@ def test_joint_space_has_the_published_edge():
 )
 def test_learning_curve(progress):
     drawn(figures.learning_curve(progress))
+    drawn(figures.learning_curve(progress, {"seconds": [0.0, 4.0], "success": [0.1, 0.9], "return": [1.0, 50.0]}))
+    drawn(figures.learning_curve(progress, {"seconds": [], "success": [], "return": []}))
 
 
 def test_saved_figures_are_pictures_and_reproducible(tmp_path):

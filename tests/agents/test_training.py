@@ -22,8 +22,9 @@ from tensegrity_agents.config import ConfigError, Experiment, load_experiment
 from tensegrity_agents.controllers import baselines_of, make_controller
 from tensegrity_agents.evaluation.results import COLUMNS, write_csv
 from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.sb3.curve import CompleteEpisodes, Evaluations
 from tensegrity_agents.sb3.policy_file import PolicyFileError, load_policy
-from tensegrity_agents.sb3.training import TrainingError, read_curve, train
+from tensegrity_agents.sb3.training import TrainingError, TrainingInterruptedError, read_curve, train
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 from tensegrity_envs.seeding import VALIDATION_SEED
 
@@ -169,6 +170,152 @@ def test_a_killed_training_goes_on_to_the_same_policy(trained, tmp_path):
     other = SMALL | {"train": SMALL["train"] | {"net_arch": [8]}}
     with pytest.raises(TrainingError, match="net_arch"):
         train(Experiment(**other), 3, tmp_path / "run")
+
+
+VARIANTS = {
+    "plain": SMALL,
+    "one segment": SMALL | {"train": SMALL["train"] | {"segment_timesteps": 500_000}},
+    "dynamic": {
+        "env": "tensegrity/DualTriangleReachMuJoCo-v0",
+        "train": SMALL["train"]
+        | {"total_timesteps": 1024, "segment_timesteps": 768, "ppo": SMALL["train"]["ppo"] | {"num_envs": 16}},
+    },
+    "hints": {
+        "env": "tensegrity/PlanarFourBarLoadedReach-v0",
+        "train": SMALL["train"] | {"total_timesteps": 4096, "segment_timesteps": 500_000, "model_hints": True},
+    },
+    "randomized": SMALL
+    | {"randomization": {"stiffness": [0.9, 1.1], "actuation_delay": [0, 2], "tip_noise": 0.001}, "tolerance": 0.02},
+}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+def test_an_interrupted_training_goes_on_to_the_same_policy_from_any_rollout(variant, number, tmp_path, monkeypatch):
+    """Interrupted after each of its rollouts, whose number falls into segments or not: the same policy to the bit."""
+    experiment = Experiment(**VARIANTS[variant])
+    whole = train(experiment, 3, tmp_path / "whole")
+    steps = 0
+    adapter_step = VectorEnvAdapter.step_wait
+
+    def step_wait(self):
+        nonlocal steps
+        steps += 1
+        if steps % 16 == 7:  # in the middle of a rollout
+            os.kill(os.getpid(), number)
+        return adapter_step(self)
+
+    monkeypatch.setattr(VectorEnvAdapter, "step_wait", step_wait)
+    interrupts = 0
+    done = []
+    while True:
+        try:
+            agent = train(experiment, 3, tmp_path / "parts")
+            break
+        except TrainingInterruptedError as error:
+            interrupts += 1
+            done.append(error.timesteps)
+            assert error.number == number
+    assert interrupts >= 3
+    assert done == sorted(set(done))
+    assert torch.equal(parameters(agent), parameters(whole))
+    np.testing.assert_array_equal(agent.normalization.mean, whole.normalization.mean)
+    np.testing.assert_array_equal(agent.normalization.variance, whole.normalization.variance)
+    curves = [read_curve(tmp_path / run / "evaluation.csv") for run in ("whole", "parts")]
+    for name in ("timesteps", "success", "return", "length"):
+        np.testing.assert_array_equal(*(curve[name] for curve in curves))
+
+
+def test_an_interrupt_during_the_last_rollout_loses_nothing(trained, tmp_path, monkeypatch):
+    """The training then ends as if nothing had happened."""
+    policy, _ = trained
+    adapter_step, steps = VectorEnvAdapter.step_wait, 0
+
+    def step_wait(self):
+        nonlocal steps
+        steps += 1
+        if steps == 6144 // 64:
+            os.kill(os.getpid(), signal.SIGINT)
+        return adapter_step(self)
+
+    monkeypatch.setattr(VectorEnvAdapter, "step_wait", step_wait)
+    assert torch.equal(parameters(train(Experiment(**SMALL), 3, tmp_path)), parameters(policy))
+
+
+def test_a_second_interrupt_acts_at_once_and_checkpoints_by_time_remain(trained, tmp_path, monkeypatch):
+    policy, _ = trained
+    adapter_step, steps = VectorEnvAdapter.step_wait, 0
+
+    def step_wait(self):
+        nonlocal steps
+        steps += 1
+        if steps in (40, 41):
+            os.kill(os.getpid(), signal.SIGINT)
+        return adapter_step(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(VectorEnvAdapter, "step_wait", step_wait)
+        with pytest.raises(KeyboardInterrupt):
+            train(Experiment(**SMALL), 3, tmp_path, checkpoint_seconds=0.0)
+    assert torch.load(tmp_path / "checkpoint.pt", weights_only=True)["num_timesteps"] == 2 * 16 * 64
+    assert torch.equal(parameters(train(Experiment(**SMALL), 3, tmp_path)), parameters(policy))
+
+
+def test_evaluations_and_checkpoints_do_not_change_the_training(trained, tmp_path, monkeypatch):
+    policy, _ = trained
+    monkeypatch.setattr(Evaluations, "is_due", lambda *_: False)
+    monkeypatch.setattr(Evaluations, "__call__", lambda *_: [0.0] * 5)
+    bare = train(Experiment(**SMALL), 3, tmp_path, checkpoint_seconds=1e9)
+    assert torch.equal(parameters(bare), parameters(policy))
+    np.testing.assert_array_equal(bare.normalization.mean, policy.normalization.mean)
+
+
+def test_signals_are_handled_as_before_after_a_training(trained):
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_the_learning_curve_counts_complete_episodes_alike():
+    """A made-up process: half of the episodes fail in their first steps. Resets of all environments, after which these
+    end first, do not show in the curve; a mean over the latest ends would fall there.
+    """
+    rng = np.random.default_rng(0)
+    count, limit = 200, 50
+    curve = CompleteEpisodes(count, limit, is_staggered=True)
+    naive, seen, worst = [], [], []
+    for segment in range(4):
+        curve.reset()
+        end = np.minimum(np.where(rng.random(count) < 0.5, 3, limit), np.arange(count) * limit // count + 1)
+        age = np.zeros(count, int)
+        for step in range(400):
+            age += 1
+            done = age >= end
+            infos = [{"episode": {"r": float(n), "l": float(n)}, "is_success": n == limit} for n in age]
+            curve.add(done, infos)
+            naive += age[done].tolist()
+            if segment and step < 100:
+                worst.append(np.mean(naive[-count:]))
+            if (means := curve.means()) is not None and segment:
+                seen.append(means)
+            end[done] = np.where(rng.random(done.sum()) < 0.5, 3, limit)
+            age[done] = 0
+    seen = np.array(seen)
+    assert np.abs(seen[:, 0] - 0.5).max() < 0.17  # 200 episodes: four standard deviations are 0.14
+    assert abs(seen[:, 0].mean() - 0.5) < 0.02
+    np.testing.assert_allclose(seen[:, 1], 3 + (limit - 3) * seen[:, 0])
+    assert min(worst) < 12 < seen[:, 1].min()
+
+
+def test_the_curve_without_noise_is_that_of_the_policy(trained):
+    """Its last point is what `evaluate` finds on the same validation episodes."""
+    policy, folder = trained
+    curve = read_curve(folder / "evaluation.csv")
+    assert (np.diff(curve["timesteps"]) > 0).all()
+    assert curve["timesteps"][0] == 0
+    assert curve["timesteps"][-1] == 6144
+    run = evaluate(policy, REACH, 20, VALIDATION_SEED, "agent")
+    assert curve["success"][-1] == run.columns["success"].mean()
+    assert curve["return"][-1] == run.columns["return"].mean()
 
 
 @pytest.mark.parametrize("algorithm", ["sac", "tqc"])

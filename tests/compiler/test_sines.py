@@ -1,4 +1,4 @@
-"""Sine and cosine of compiled code against arbitrary precision."""
+"""Sine, cosine and arc tangent of compiled code against arbitrary precision."""
 
 import math
 
@@ -51,3 +51,28 @@ def test_one_angle_gives_what_many_give():
 @pytest.mark.parametrize("x", [math.inf, -math.inf, math.nan])
 def test_those_of_no_angle_are_not_a_number(x):
     assert all(math.isnan(value) for value in evaluate(sines, x))
+
+
+def arc_tangent(y, x):
+    return namespace_of(x).atan2(y, x)
+
+
+def test_the_arc_tangent_is_within_two_units_in_the_last_place():
+    rng = np.random.default_rng(1)
+    y, x = rng.normal(size=(2, 6000)) * 10.0 ** rng.integers(-12, 12, (2, 6000))
+    with mpmath.workprec(200):
+        truth = [mpmath.atan2(mpmath.mpf(b), mpmath.mpf(a)) for a, b in zip(x, y, strict=True)]
+        found = evaluate(arc_tangent, y, x)
+        error = np.array([float(abs(mpmath.mpf(f) - t)) for f, t in zip(found, truth, strict=True)])
+    assert (error <= 2 * np.spacing(np.abs(found))).all()
+
+
+def test_zeros_and_quarter_turns_are_those_of_c():
+    values = [0.0, -0.0, 1.0, -1.0, 2.0, -2.0]
+    for y in values:
+        for x in values:
+            found, expected = evaluate(arc_tangent, y, x), math.atan2(y, x)
+            assert found == pytest.approx(expected, rel=3e-16)
+            assert math.copysign(1, found) == math.copysign(1, expected)
+    found = evaluate(sines, np.array([0.0, -0.0]))[0]
+    assert np.signbit(found).tolist() == [False, True]

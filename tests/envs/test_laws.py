@@ -18,7 +18,15 @@ from tensegrity_envs.vector_env import step_info
 IDS = tensegrity_envs.ENV_IDS
 COUNT = 6
 every_id = pytest.mark.parametrize("env_id", IDS)
-every_form = pytest.mark.parametrize("reward_type", ["dense", "sparse"])
+# The dense form of every id; the sparse one of one id for each mechanism, of all others in the full tier.
+SPARSE = [
+    f"tensegrity/{name}-v0"
+    for name in ("TwoXPayloadReach", "DualTrianglePush", "PlanarFourBarReach", "SpatialPrismTrack")
+]
+FORMS = [(env_id, "dense") for env_id in IDS] + [
+    pytest.param(env_id, "sparse", marks=[] if env_id in SPARSE else pytest.mark.full) for env_id in IDS
+]
+every_form = pytest.mark.parametrize(("env_id", "reward_type"), FORMS)
 
 
 def make(env_id, **options):
@@ -36,7 +44,6 @@ def random_actions(envs, steps, seed=0):
     return rng.uniform(-1, 1, (steps, *envs.action_space.shape)).astype(np.float32)
 
 
-@every_id
 @every_form
 def test_gymnasium_checker_has_nothing_to_say(env_id, reward_type):
     with warnings.catch_warnings():
@@ -138,14 +145,15 @@ def test_vector_of_other_size_and_masked_reset_give_the_same_episodes(env_id):
     np.testing.assert_array_equal(c["desired_goal"][1], d["desired_goal"][2])
 
 
-@every_id
 @every_form
 def test_compute_functions_agree_with_step_on_batches(env_id, reward_type):
     env = make(env_id, reward_type=reward_type).unwrapped
     achieved, desired, infos, rewards, ends = [], [], [], [], []
     env.reset(seed=0)
     env.action_space.seed(0)
-    while len(ends) < 400 or not any(ends):
+    for _ in range(10_000):
+        if len(ends) >= 400 and (any(ends) or not env.core.can_fail):
+            break
         observation, reward, terminated, truncated, info = env.step(np.sign(env.action_space.sample()))
         achieved.append(observation["achieved_goal"])
         desired.append(observation["desired_goal"])
@@ -204,7 +212,6 @@ def test_relabelled_goals_are_rewarded_and_missing_info_is_explained(env_id):
         env.unwrapped.compute_reward(np.zeros(4), np.zeros(4), info)
 
 
-@every_id
 @every_form
 def test_failing_early_never_pays(env_id, reward_type):
     """No step is worth less than nothing, and the failing one is worth nothing: what is given up was never negative."""
@@ -219,7 +226,7 @@ def test_failing_early_never_pays(env_id, reward_type):
         terms = sum(last[key] for key in last if key.startswith("reward_"))
         np.testing.assert_allclose(np.where(terminated, terms, reward), reward, atol=1e-6)
         failed += terminated.sum()
-    assert failed > 0
+    assert (failed > 0) == envs.unwrapped.core.can_fail
 
 
 @every_id

@@ -89,3 +89,18 @@ def test_a_chosen_episode_takes_the_place_of_a_drawn_one():
     env.reset(seed=3, options={"target": (0.1, 0.45)})
     twin.reset(seed=3)
     np.testing.assert_array_equal(env.reset()[0]["desired_goal"], twin.reset()[0]["desired_goal"])
+
+
+@pytest.mark.parametrize("given", [[0], "ab", [1, 0], [-1, 1], [0, float("inf")], 3, [None, 1]])
+@pytest.mark.parametrize(
+    ("env_id", "name"),
+    [
+        ("TwoXPayloadReach", "payload_range"),
+        ("DualTriangleLoadedReach", "load_range"),
+        ("PlanarFourBarLoadedReach", "load_range"),
+        ("SpatialPrismPayloadTrack", "payload_range"),
+    ],
+)
+def test_ranges_that_are_none_are_refused(env_id, name, given):
+    with pytest.raises(ValueError, match=f"{name} = .*must be"):
+        gym.make(f"tensegrity/{env_id}-v0", **{name: given})

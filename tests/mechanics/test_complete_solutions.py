@@ -199,3 +199,13 @@ def test_no_prism_is_stable_that_is_not_in_balance():
         size = 10.0 + np.abs(wrench).sum()  # k d D = 10 N m
         assert not found.is_stable or found.residual <= 1e-6 * size
     assert stable > 100
+
+
+@pytest.mark.parametrize("angle", [0.3, 1.0, 2.0, 2.9])
+def test_inverse_solutions_where_circles_touch(angle):
+    """B, C and F aligned: the two places of C are one, and rounding must not lose it."""
+    length = float(JI2014.length)
+    x, y = length + 2 * length * math.cos(angle), 2 * length * math.sin(angle)
+    for scale in (1.0, 1 - 1e-16, 1 + 1e-16):
+        found = FOUR_BAR.inverse_kinematics(length + scale * (x - length), scale * y)
+        assert [s for s in found if s.residual < 1e-6 * length], angle

@@ -1,6 +1,7 @@
 """What docs/mujoco.md reports, measured: python tests/simulation/mujoco_measurements.py WHAT [--count N]."""
 
 import argparse
+import resource
 import time
 from collections import Counter
 from dataclasses import replace
@@ -141,21 +142,43 @@ def stress(name, steps, batch=50, seed=0):
     return diverged, bad, *worst
 
 
+# What the stress run of environments lets differ, so that each episode has a model of its own.
+RANDOMIZED = {"stiffness": (0.8, 1.2), "mass": (0.8, 1.25), "damping": (0.5, 2.0)}
+
+
+def resident():
+    """MB of memory that this process has at the moment (Linux)."""
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * resource.getpagesize() / 2**20
+
+
 def stress_environment(env_id, steps, count=500, seed=0):
     """Random bang-bang actions in an environment, each held for 1 to 10 steps; how its episodes ended.
 
     Returns:
         Numbers of episodes by why they were terminated ("" at the time limit), numbers of observations or rewards that
-        are not finite, largest assembly error [-] of states without failure.
+        are not finite, largest assembly error [-] of states without failure, memory after a tenth of the steps and at
+        its peak afterwards [MB].
     """
-    envs = gymnasium.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
+    envs = gymnasium.make_vec(
+        env_id,
+        count,
+        vectorization_mode="vector_entry_point",
+        autoreset_mode="SameStep",
+        randomization=RANDOMIZED,
+    )
     core = envs.unwrapped.core
     physics = list(core.states.rows.physics)
     rng = np.random.default_rng(seed)
     envs.reset(seed=seed)
-    ends, bad, worst = Counter(), 0, 0.0
+    ends, bad, worst, early, peak = Counter(), 0, 0.0, 0.0, 0.0
+    rounds = max(1, steps // count)
     actions = rng.choice([-1.0, 1.0], envs.action_space.shape)
-    for _ in range(max(1, steps // count)):
+    for number in range(rounds):
+        if number == rounds // 10:
+            early = resident()
+        elif number > rounds // 10 and number % 50 == 0:
+            peak = max(peak, resident())
         new = rng.random(count) < 1 / 5
         actions[new] = rng.choice([-1.0, 1.0], (int(new.sum()), actions.shape[1]))
         observation, reward, terminated, truncated, info = envs.step(actions)
@@ -165,7 +188,7 @@ def stress_environment(env_id, steps, count=500, seed=0):
         ends.update(str(reason) for reason in termination_reason(last["failure"])[terminated | truncated])
         worst = max(worst, float(core.engine.model.assembly_error(envs.unwrapped._outcomes[physics].T).max()))
     envs.close()
-    return ends, bad, worst
+    return ends, bad, worst, early, max(peak, resident())
 
 
 def best_rate(function, count, repeats=7):
@@ -207,18 +230,20 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     what = ("settle", "energies", "drift", "frequencies", "stress", "environments", "speed")
     parser.add_argument("what", choices=what)
+    parser.add_argument("--id", help="of the one environment to run, such as SpatialPrismTrackMuJoCo-v0")
     parser.add_argument("--count", type=int, default=200, help="samples, or steps of the stress run")
     arguments = parser.parse_args()
     if arguments.what == "speed":
         speed()
         return
     if arguments.what == "environments":
-        for env_id in [name for name in tensegrity_envs.ENV_IDS if "MuJoCo" in name]:
+        for env_id in [name for name in tensegrity_envs.ENV_IDS if "MuJoCo" in name and (arguments.id or "") in name]:
             start = time.perf_counter()
-            ends, bad, assembly = stress_environment(env_id, arguments.count)
+            ends, bad, assembly, early, peak = stress_environment(env_id, arguments.count)
             text = ", ".join(f"{count} {reason or 'time limit'}" for reason, count in ends.most_common())
             print(
-                f"{env_id}: {arguments.count} steps, {bad} not finite, assembly error {assembly:.1e}; episodes: {text} "
+                f"{env_id}: {arguments.count} steps, {bad} not finite, assembly error {assembly:.1e}; episodes: {text}"
+                f"; {early:.0f} MB after a tenth, then at most {peak:.0f} MB "
                 f"({time.perf_counter() - start:.0f} s)",
                 flush=True,
             )

@@ -2,7 +2,7 @@
 
 import importlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -95,20 +95,21 @@ def baselines_of(env_id: str) -> dict[str, Callable[[Core], Any]]:
     return table.get(kwargs["arm"], {}) | {"random": RandomController}
 
 
-def make_controller(name: str, env_id: str) -> Any:
+def make_controller(name: str, env_id: str, options: Mapping[str, Any] | None = None) -> Any:
     """A baseline by name, or a class of your own as "module:Class".
 
     Args:
         name: one of `baselines_of(env_id)`, or "module:Class"; the module is looked up on the path and in the working
             directory, the class is called without arguments.
         env_id: Gymnasium id of the environment that it will control.
+        options: of that environment.
 
     Raises:
-        ValueError: there is no such controller; the message lists those that exist.
+        ValueError: there is no such controller, or it cannot be made; the message says what there is.
     """
     baselines = baselines_of(env_id)
     if name in baselines:
-        env: Any = gym.make(env_id).unwrapped
+        env: Any = gym.make(env_id, **(options or {})).unwrapped
         return baselines[name](env.core)
     if ":" not in name:
         raise ValueError(f"controller {name!r}: there are {', '.join(baselines)}, or your own class as 'module:Class'")
@@ -118,14 +119,23 @@ def make_controller(name: str, env_id: str) -> Any:
         sys.path.insert(0, here)
     try:
         module = importlib.import_module(module_name)
-    except ImportError as error:
-        raise ValueError(f"controller {name!r}: module {module_name!r} cannot be imported ({error})") from error
-    if not hasattr(module, class_name):
+    except Exception as error:  # whatever the module does while it is imported
+        raise ValueError(
+            f"controller {name!r}: module {module_name!r} cannot be imported ({type(error).__name__}: {error})"
+        ) from error
+    made = getattr(module, class_name, None)
+    if not callable(made):
         classes = [key for key, value in vars(module).items() if isinstance(value, type)]
         raise ValueError(
-            f"controller {name!r}: {module_name} has no {class_name!r}; it has {', '.join(classes) or 'no classes'}"
+            f"controller {name!r}: {module_name} has no class {class_name!r}; "
+            f"it has {', '.join(classes) or 'no classes'}"
         )
-    controller = getattr(module, class_name)()
+    try:
+        controller = made()
+    except Exception as error:
+        raise ValueError(
+            f"controller {name!r}: {class_name}(), called without arguments, raises {type(error).__name__}: {error}"
+        ) from error
     if not callable(getattr(controller, "predict", None)):
         raise ValueError(
             f"controller {name!r}: it has no predict(observation, state, episode_start, deterministic) method"

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import yaml
 
+from tensegrity_agents import env_options
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.evaluation.results import Run, write_csv
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.sb3.policy_file import TrainedPolicy, load_policy
-from tensegrity_agents.sb3.training import CURVE, read_curve, train, with_later_settings
+from tensegrity_agents.sb3.training import CURVE, EVALUATIONS, read_curve, train, with_later_settings
 from tensegrity_envs.seeding import TEST_SEED
 
 KINDS = {"oracle": "oracle", "random": "random"}
@@ -32,13 +33,15 @@ class Comparison:
         runs: one for every agent and controller.
         agents: the trained policies by training seed.
         controllers: everything that was evaluated, by name, for the video.
-        curves: learning curves by training seed.
+        curves: learning curves by training seed: of the training episodes.
+        evaluations: the same of the agent without noise on validation episodes.
     """
 
     runs: list[Run]
     agents: dict[int, TrainedPolicy]
     controllers: dict[str, Any]
     curves: dict[int, dict[str, np.ndarray]]
+    evaluations: dict[int, dict[str, np.ndarray]]
 
 
 def agent_name(experiment: Experiment) -> str:
@@ -77,11 +80,13 @@ def train_agents(
 def _finished(home: Path, experiment: Experiment) -> TrainedPolicy | None:
     if not (home / "policy.json").is_file():
         return None
-    policy = load_policy(home, experiment.env)
+    options = env_options.canonical(experiment.env, experiment.options)
+    policy = load_policy(home, experiment.env, options)
     settings = experiment.train.model_dump(mode="json")
     same = (
         with_later_settings(policy.description.get("train", {}), settings) == settings
         and policy.description["env"] == experiment.env
+        and policy.description.get("options", {}) == options
     )
     return policy if same else None
 
@@ -96,11 +101,10 @@ def compare(experiment: Experiment, folder: Path, progress: Progress, fresh: boo
         progress: called while it works.
         fresh: train anew even where trained agents are there.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.yaml").write_text(yaml.safe_dump(experiment.model_dump(mode="json"), sort_keys=False))
     # A controller that does not load should not cost a training first.
-    baselines = {name: make_controller(name, experiment.env) for name in experiment.compared}
+    baselines = {name: make_controller(name, experiment.env, experiment.options) for name in experiment.compared}
     agents = train_agents(experiment, folder, progress, fresh)
+    (folder / "config.yaml").write_text(yaml.safe_dump(experiment.model_dump(mode="json"), sort_keys=False))
     runs = []
     name = agent_name(experiment)
     for seed, policy in agents.items():
@@ -112,7 +116,8 @@ def compare(experiment: Experiment, folder: Path, progress: Progress, fresh: boo
         runs.append(_evaluate(experiment, controller, key, KINDS.get(key, "baseline"), progress))
         write_csv(runs, folder / "episodes.csv")
     curves = {seed: read_curve(folder / f"agent-{seed}" / CURVE) for seed in agents}
-    return Comparison(runs, agents, {name: next(iter(agents.values()))} | baselines, curves)
+    evaluations = {seed: read_curve(folder / f"agent-{seed}" / EVALUATIONS) for seed in agents}
+    return Comparison(runs, agents, {name: next(iter(agents.values()))} | baselines, curves, evaluations)
 
 
 def _evaluate(experiment: Experiment, controller: Any, name: str, kind: str, progress: Progress) -> Run:
@@ -123,6 +128,7 @@ def _evaluate(experiment: Experiment, controller: Any, name: str, kind: str, pro
         TEST_SEED,
         name,
         kind,
+        experiment.options,
         progress=lambda done, total: progress(f"evaluating {name}", done, total, ""),
     )
     run.notes = str(getattr(controller, "knows", ""))

@@ -1,7 +1,10 @@
 """Run any controller on a fixed set of episodes. Which controller it is, is never asked."""
 
 import time
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -31,6 +34,22 @@ class Controller(Protocol):
         ...
 
 
+class ControllerError(ValueError):
+    """A controller that cannot be evaluated; the message says what it did."""
+
+
+@contextmanager
+def _blaming(name: str, method: str, what: str = "raised an error") -> Iterator[None]:
+    """Say of errors within which controller they come from, and from which line."""
+    try:
+        yield
+    except Exception as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        where = f"{Path(frames[-1].filename).name}, line {frames[-1].lineno}"
+        told = f"{type(error).__name__}: {error} ({where})"
+        raise ControllerError(f"controller {name!r}: {method} {what}: {told}") from error
+
+
 def evaluate(
     controller: Any,
     env_id: str,
@@ -54,6 +73,9 @@ def evaluate(
         env_options: further arguments of the environment.
         progress: called with (steps done, steps at most).
         batch: environments stepped at once.
+
+    Raises:
+        ControllerError: `predict` or `begin_episodes` raised an error, or the actions do not fit.
     """
     parts = []
     actions_given, seconds = 0, 0.0
@@ -71,16 +93,19 @@ def evaluate(
         if begin is not None:
             base: Any = envs.unwrapped
             privileged = base.episode if getattr(controller, "wants_privileged", False) else None
-            begin(np.ones(count, bool), base.design, privileged)
+            with _blaming(name, "begin_episodes"):
+                begin(np.ones(count, bool), base.design, privileged)
         state: Any = None
         start = np.ones(count, bool)
         alive = np.ones(count, bool)
         for step in range(limit):
             before = time.perf_counter()
-            actions, state = controller.predict(observation, state=state, episode_start=start, deterministic=True)
+            with _blaming(name, "predict"):
+                actions, state = controller.predict(observation, state=state, episode_start=start, deterministic=True)
             seconds += time.perf_counter() - before
             actions_given += count
-            observation, reward, terminated, truncated, info = envs.step(actions)
+            with _blaming(name, "predict", "returned actions that do not fit"):
+                observation, reward, terminated, truncated, info = envs.step(actions)
             start = terminated | truncated
             record.add(step_info(info), reward, alive)
             alive &= ~start

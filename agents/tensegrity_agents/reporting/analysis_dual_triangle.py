@@ -5,17 +5,24 @@ Every function takes a mechanism and returns a `matplotlib.figure.Figure`; see `
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
-from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _styled
+from tensegrity_agents.reporting.dual_triangle_fields import STEEP, Field, beyond, maximum, region_of, room, stiffness
+from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _note, _styled, without_jumps
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
+_BLUES = LinearSegmentedColormap.from_list("pale blues", ["#eef4fa", "#7fa8d1"])
+_FINE, _COARSE = 301, 181  # columns of the grids of workspaces, and of those whose measure takes long
+_MOST = 1e6  # [k b], of a critical push
 _OBJECTIVES = {"sum": "(a) sum", "max": "(b) largest", "squares": "(c) squares"}
 
 
@@ -41,15 +48,20 @@ def torque_curves(arm: DualTriangle) -> Figure:
             limit = float(segment.design.joint_limit)
             q = np.linspace(-limit, limit, 400)
             pair = segment.free_lengths(0.0)
-            axes.plot(q, np.asarray(segment.torque(q, pair)) / scale, color=colour, label=f"{length / b:.2g}")
+            axes.plot(q, np.asarray(segment.torque(q, pair)) / scale, color=colour, label=f"$L_0/b$ = {length / b:.3g}")
             for found in segment.equilibria(pair):
                 face = colour if found.is_stable else "white"
                 axes.plot(found.configuration[0], 0.0, "o", markersize=4.5, color=face, markeredgecolor=colour)
         axes.axhline(0, color=_INK, linewidth=0.8)
         axes.set_title(f"a/b = {half_width / b:.3g}; monotone for L0/b > {threshold / b:.3g}")
         axes.set_xlabel("q [rad]")
-        axes.legend(title="L0/b", fontsize=7)
     panels[0].set_ylabel("torque of the springs, M / (k b²) [-]")
+    handles = [
+        *panels[0].get_legend_handles_labels()[0],
+        Line2D([], [], linestyle="", marker="o", color=_INK, label="stable"),
+        Line2D([], [], linestyle="", marker="o", color="white", markeredgecolor=_INK, label="unstable"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6)
     return figure
 
 
@@ -71,8 +83,9 @@ def control_and_sensitivity(arms: Sequence[tuple[str, DualTriangle]]) -> Figure:
     panels[1].set(xlabel="desired angle q [rad]", ylabel="sensitivity dΔ/dq / b [-]", ylim=(0, None))
     for axes in panels:
         axes.axvline(0, color=_FAINT, linewidth=0.6)
-    panels[0].legend(fontsize=8)
-    panels[1].annotate("dotted: a free length would be negative", (0.03, 0.04), xycoords="axes fraction", fontsize=7)
+    handles = panels[0].get_legend_handles_labels()[0]
+    handles.append(Line2D([], [], color=_INK, linestyle=(0, (2, 2)), linewidth=1.0, label="a free length is negative"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return figure
 
 
@@ -92,7 +105,7 @@ def draw_arm(axes: Axes, arm: DualTriangle, q: Sequence[float], colour: str, lab
 def redundancy(arm: DualTriangle, targets: Sequence[tuple[float, float]]) -> Figure:
     """Postures that the three objectives choose for the same targets [Zhao2021, figure 5], from the paper's start."""
     start = (-0.1, 0.1, 0.1)
-    figure = _figure(7.4, 3.0 * math.ceil(len(targets) / 2))
+    figure = _figure(7.4, 4.2 * math.ceil(len(targets) / 2))
     panels = np.atleast_1d(figure.subplots(math.ceil(len(targets) / 2), 2, sharex=True, sharey=True)).ravel()
     _, b, _, _ = _symmetric(arm)
     for axes, target in zip(panels, targets, strict=False):
@@ -103,7 +116,9 @@ def redundancy(arm: DualTriangle, targets: Sequence[tuple[float, float]]) -> Fig
                 draw_arm(axes, arm, found.configuration, colour, f"{label}: {text}")
         axes.plot(*target, "x", color=_INK, markersize=7)
         axes.set(aspect="equal", title=f"target ({target[0] / b:.3g} b, {target[1] / b:.3g} b)")
-        axes.legend(fontsize=6, loc="lower left")
+        axes.legend(title="angles [rad]", loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=1, fontsize=7.5)
+        axes.set(xlabel="x [m]", ylabel="y [m]")
+        axes.tick_params(labelbottom=True, labelleft=True)
     for axes in panels[len(targets) :]:
         axes.axis("off")
     return figure
@@ -116,18 +131,20 @@ def control_over_targets(arms: Sequence[tuple[str, DualTriangle]]) -> Figure:
     panels = figure.subplots(len(arms), 3, sharex=True, squeeze=False)
     for row, (name, arm) in zip(panels, arms, strict=True):
         _, b, _, nominal = _symmetric(arm)
-        y = np.linspace(-3.0, 3.0, 181) * b
+        y = np.linspace(-3.0, 3.0, 721) * b
         for colour, x in zip(_COLOURS, (4.5, 5.0, 5.5), strict=False):
             found = arm.redundancy(np.full(y.shape, x * b), y, (-0.1, 0.1, 0.1), "squares")
             delta = np.array(arm.control(found.configuration)) / b
             held = np.asarray(found.is_reachable) & (np.abs(delta).max(axis=0) <= nominal / b)
             for axes, values in zip(row, delta, strict=True):
-                axes.plot(y / b, np.where(held, values, np.nan), color=colour, label=f"x = {x:g} b", linewidth=1.2)
+                shown = without_jumps(np.where(held, values, np.nan))
+                axes.plot(y / b, shown, color=colour, label=f"x = {x:g} b", linewidth=1.2)
         for i, axes in enumerate(row):
-            axes.set_title(f"{name}, Δ{i + 1} / b", fontsize=9)
+            axes.set_title(f"{name}, segment {i + 1}", fontsize=9)
+            axes.set_ylabel(rf"$\Delta_{i + 1}$ / b [-]")
     for axes in panels[-1]:
-        axes.set_xlabel("target y / b")
-    panels[0][0].legend(fontsize=7)
+        axes.set_xlabel("target y / b [-]")
+    figure.legend(handles=panels[0][0].get_legend_handles_labels()[0], loc="outside lower center", ncols=3)
     return figure
 
 
@@ -173,40 +190,62 @@ def buckling(arm: DualTriangle) -> Figure:
     panels[0].set_ylabel("tip deflection y / b [-]")
     panels[1].set(ylabel="smallest stiffness / (k b²) [-]")
     panels[1].axhline(0, color=_INK, linewidth=0.6)
-    panels[1].legend(fontsize=7)
-    panels[0].set_title("square: an angle reaches its limit", fontsize=8)
+    handles = panels[1].get_legend_handles_labels()[0]
+    handles += [
+        Line2D([], [], color=_INK, linestyle=(0, (3, 2)), label="unstable"),
+        Line2D([], [], color=_FAINT, linestyle=(0, (1, 2)), label="critical push"),
+        Line2D([], [], color=_INK, linestyle="", marker="s", markersize=4, label="an angle reaches its limit"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
 
 
-def _postures(arm: DualTriangle, count: int, seed: int = 0) -> np.ndarray:
-    """Random postures within joint and free-length limits without load, shape (segments, m)."""
-    limit = float(arm.design.joint_limit)
-    q = np.random.default_rng(seed).uniform(-limit, limit, (arm.segments, count))
-    delta = np.array(arm.control(tuple(q)))
-    return q[:, np.abs(delta).max(axis=0) <= float(arm.design.free_length1)]
+def _filled(axes: Axes, field: Field, values: np.ndarray, **colours: Any) -> Any:
+    """Filled contours of values inside the field's boundary, which is drawn, and is where the measure is zero."""
+    inside = field.value > 0
+    drawn = axes.contourf(field.x, field.y, beyond(values, inside), **colours)
+    if inside.any():
+        edge = axes.contour(field.x, field.y, field.value, levels=[0.0], colors=[_INK], linewidths=0.9)
+        drawn.set_clip_path(edge.get_paths()[0], transform=axes.transData)
+    else:
+        drawn.set_visible(False)
+        _note(axes, "nothing can be held")
+    axes.set(aspect="equal", xlabel="x / b [-]")
+    axes.grid(visible=False)
+    return drawn
+
+
+@_styled
+def workspace(arm: DualTriangle) -> Figure:
+    """Where the tip can be without a load: how far the best posture is from its limits, and the arm in three places."""
+    _, b, _, _ = _symmetric(arm)
+    field = maximum(arm, room(arm), _FINE)
+    figure = _figure(6.4, 4.8)
+    axes = figure.subplots()
+    levels = MaxNLocator(9).tick_values(0, field.value.max())
+    image = _filled(axes, field, field.value, levels=levels, cmap=_BLUES)
+    small = DualTriangle(replace(arm.design, a1=arm.design.a1 / b, a2=arm.design.a2 / b, b1=1.0, b2=1.0), arm.segments)
+    limit = float(arm.segment.control_limit)
+    for colour, q in zip(_COLOURS[1:], ((0.0,) * 3, (0.75 * limit,) * 3, (-limit, -limit, 0.5 * limit)), strict=False):
+        draw_arm(axes, small, q, colour)
+    axes.set(ylabel="y / b [-]", xlim=(field.x[0], field.x[-1]))
+    figure.colorbar(image, ax=axes, shrink=0.8, label="smallest free length / b, angle to its limit / rad [-]")
+    return figure
 
 
 @_styled
 def loaded_workspace(arm: DualTriangle, multiples: Sequence[float] = (0.0, 0.75, 1.0, 1.5)) -> Figure:
-    """Where the tip can be held stably, within all limits, under axial pushes: the best margin over the postures."""
-    _, b, _, nominal = _symmetric(arm)
+    """Where the tip can be held stably, within all limits, under axial pushes: the best stiffness of the postures."""
     critical = float(arm.straight_critical_loads()[0])
-    figure = _figure(7.6, 2.5)
+    figure = _figure(9.0, 3.0)
     panels = figure.subplots(1, len(multiples), sharex=True, sharey=True)
-    q = tuple(_postures(arm, 400_000))
-    x, y = (np.asarray(value) / b for value in arm.tip(q))
-    for axes, multiple in zip(panels, multiples, strict=True):
-        load = (-multiple * critical, 0.0)
-        delta = np.array(arm.control(q, load))
-        margin = np.asarray(arm.stability_margin(q, arm.free_lengths(tuple(delta)), load))
-        held = (margin > 0) & (np.abs(delta).max(axis=0) <= nominal)
-        image = axes.hexbin(
-            x[held], y[held], C=margin[held], reduce_C_function=np.max, gridsize=46, cmap="viridis", vmin=0, vmax=1,
-            extent=(x.min(), x.max(), y.min(), y.max()),
-        )  # fmt: skip
-        axes.set(aspect="equal", title=f"push {multiple:g} P1" if multiple else "no load", xlabel="x / b")
-    panels[0].set_ylabel("y / b")
-    figure.colorbar(image, ax=list(panels), shrink=0.8, label="best smallest stiffness / (k b²)")
+    fields = [maximum(arm, stiffness(arm, (-multiple * critical, 0.0)), _FINE) for multiple in multiples]
+    levels = MaxNLocator(11).tick_values(0, max(float(field.value.max()) for field in fields))
+    for axes, multiple, field in zip(panels, multiples, fields, strict=True):
+        image = _filled(axes, field, field.value, levels=levels, cmap="viridis")
+        axes.set_title(f"push {multiple:g} $P_1$" if multiple else "no load")
+    panels[0].set_ylabel("y / b [-]")
+    figure.colorbar(image, ax=list(panels), shrink=0.8, format="%.2g", label="best smallest\nstiffness / (k b²) [-]")
     return figure
 
 
@@ -214,20 +253,38 @@ def loaded_workspace(arm: DualTriangle, multiples: Sequence[float] = (0.0, 0.75,
 def critical_load_map(arm: DualTriangle) -> Figure:
     """The axial push at which a tip position can no longer be held, with the best and with the worst posture there."""
     _, b, k, _ = _symmetric(arm)
-    q = tuple(_postures(arm, 200_000, seed=1))
-    push = np.asarray(arm.critical_load(q, (-1.0, 0.0))) / (k * b)
-    x, y = (np.asarray(value) / b for value in arm.tip(q))
-    finite = np.isfinite(push)
-    top = float(np.percentile(push[finite], 95))
-    figure = _figure(7.4, 3.4)
+    limit, inside = float(arm.design.joint_limit), room(arm)
+
+    def push(q: tuple[np.ndarray, ...]) -> np.ndarray:
+        found = arm.critical_load(tuple(np.clip(qi, -limit, limit) for qi in q), (-1.0, 0.0))
+        return np.minimum(np.asarray(found) / (k * b), _MOST)
+
+    best = maximum(arm, lambda q: np.minimum(push(q), STEEP * inside(q)), _COARSE)
+    worst = maximum(arm, lambda q: np.minimum(1e3 * inside(q), 0.0) - push(q), _COARSE)
+    allowed = best.value > 0
+    highest = np.where(allowed, push(tuple(np.nan_to_num(best.best))), np.nan)
+    lowest = np.where(allowed, np.minimum(-worst.value, highest), np.nan)  # thin ends of curves may be missed
+    top = float(np.nanpercentile(highest, 95))
+    low = max(float(np.nanmin(lowest)), top / 100)
+    levels = np.geomspace(low, top, 15)
+    figure = _figure(8.6, 3.6)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    norm = LogNorm(max(float(push[push > 0].min()), top / 100), top)
-    for axes, choose, title in zip(panels, (np.max, np.min), ("best posture", "worst posture"), strict=True):
-        values = np.where(finite, push, 10 * top)
-        image = axes.hexbin(x, y, C=values, reduce_C_function=choose, gridsize=60, cmap="cividis", norm=norm)
-        axes.set(aspect="equal", title=title, xlabel="x / b")
-    panels[0].set_ylabel("y / b")
-    figure.colorbar(image, ax=list(panels), shrink=0.8, extend="max", label="critical push / (k b)")
+    for axes, values, title in zip(panels, (highest, lowest), ("best posture", "worst posture"), strict=True):
+        image = _filled(
+            axes,
+            best,
+            np.clip(values, low, 2 * top),
+            levels=levels,
+            cmap="cividis",
+            norm=LogNorm(low, top),
+            extend="max",
+        )
+        axes.set_title(title)
+    panels[0].set_ylabel("y / b [-]")
+    ticks = [t for t in (m * 10.0**e for e in range(-5, 4) for m in (1, 2, 5)) if low <= t <= top]
+    bar = figure.colorbar(image, ax=list(panels), shrink=0.8, label="critical push / (k b) [-]")
+    bar.set_ticks(ticks, labels=[f"{t:g}" for t in ticks])
+    bar.minorticks_off()
     return figure
 
 
@@ -247,6 +304,7 @@ def numbers(arm: DualTriangle) -> dict[str, Any]:
         table[f"critical push of the straight arm, mode {m} [k b]"] = load / (k * b)
         table[f"critical push of the straight arm, mode {m} [N]"] = load
     branch = arm.buckled_branch(1, 1, max_load=20 * loads[0])
+    table["workspace without a load [m2]"] = region_of(maximum(arm, room(arm), _FINE), b).area
     table["push at the end of the buckled branch [k b]"] = float(branch.load[-1]) / (k * b)
     table["why it ends"] = branch.reason
     return table

@@ -145,7 +145,7 @@ def output_workspaces(arm: PlanarFourBar, workspaces: Mapping[str, Image]) -> Fi
             _circle(axes, l / 2, l * math.sqrt(3) / 2, l, "vi: about C = D", _COLOURS[2], _DASHED)
             _circle(axes, l, 0, 2 * l, r"viii: $\sin(\beta + \gamma) = 0$", _COLOURS[0], "solid")
         axes.plot([0, l], [0, 0], "o", color=_INK, markersize=3)
-        axes.set(aspect="equal", title=f"{title}: {found.area():.1f} m²", xlabel="x [m]")
+        axes.set(aspect="equal", title=f"{title}: {found.area():.4g} m²", xlabel="x [m]")
         axes.set(xlim=(-1.15 * l, 2.1 * l), ylim=(-0.5 * l, 2.1 * l))
     panels[0].set_ylabel("y [m]")
     handles, labels = panels[0].get_legend_handles_labels()
@@ -195,6 +195,10 @@ def singular_postures(arm: PlanarFourBar) -> Figure:
         axes.set_title(title, fontsize=7)
         axes.set(xlim=(-1.1 * l, 2.1 * l), ylim=(-0.4 * l, 2.1 * l))
         axes.tick_params(labelsize=6)
+    for axes in panels[5:]:
+        axes.set_xlabel("x [m]", fontsize=7)
+    for axes in panels[::5]:
+        axes.set_ylabel("y [m]", fontsize=7)
     return figure
 
 

@@ -8,15 +8,18 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
+from matplotlib.ticker import MaxNLocator
 
-from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _styled
+from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _styled, without_jumps
 from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES, SpatialPrism
 from tensegrity_envs.rendering_spatial import depth, flatten
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73")
+_BLUES = LinearSegmentedColormap.from_list("pale blues", ["#eef4fa", "#7fa8d1"])
 _STILL = (0.0, 0.0, 0.0)
 _HEIGHTS = (0.5, 0.8, 1.1, 1.4)  # of the maps, in base radii
 _EVENTS = {1: "a strut stops pushing", 2: "a cable goes slack", 3: "the equilibrium ends"}
@@ -42,22 +45,36 @@ def forces_along(prism: SpatialPrism, name: str) -> Figure:
     tension = prism.cable_tensions(q)[0]
     axes.plot(t, np.broadcast_to(tension, t.shape), color=_FAINT, linestyle=(0, (4, 2)), label="every cable's tension")
     axes.set(xlabel="time [cycles]", ylabel="force [N]", xlim=(0, 1), ylim=(0, None))
-    axes.legend(ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    figure.legend(ncols=2, loc="outside lower center")
     return figure
 
 
-def _disc(prism: SpatialPrism, height: float, cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A grid over a disc at a height (in base radii): x and y [m] of the grid, and whether inside."""
-    D = float(prism.design.D)
-    axis = np.linspace(-1.2 * D, 1.2 * D, cells)
-    x, y = np.meshgrid(axis, axis)
-    return x, y, np.hypot(x, y) <= 1.2 * D
+def _sector(prism: SpatialPrism, rings: int, rays: int) -> tuple[np.ndarray, np.ndarray]:
+    """A polar grid over a third of a disc, of which the prism has three alike: x and y [m], shape (rays, rings)."""
+    radius = 1.2 * float(prism.design.D) * np.linspace(0.0, 1.0, rings)
+    angle = np.linspace(0.0, 2 * math.pi / 3, rays)[:, None]
+    return radius * np.cos(angle), radius * np.sin(angle)
+
+
+def _thirds(x: np.ndarray, y: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The whole disc, from a third of it."""
+    turns = [2 * math.pi / 3 * k for k in range(3)]
+    whole_x = [math.cos(t) * x - math.sin(t) * y for t in turns]
+    whole_y = [math.sin(t) * x + math.cos(t) * y for t in turns]
+    return np.concatenate(whole_x), np.concatenate(whole_y), np.concatenate([table] * 3)
 
 
 def _base(axes: Axes, prism: SpatialPrism) -> None:
     D = float(prism.design.D)
     axes.add_patch(Polygon([node[:2] for node in prism.base], closed=True, fill=False, edgecolor=_INK, linewidth=0.8))
     axes.set(aspect="equal", xlim=(-1.25 * D, 1.25 * D), ylim=(-1.25 * D, 1.25 * D), xlabel="x [m]")
+
+
+def compliance(prism: SpatialPrism, x: np.ndarray, y: np.ndarray, z: float) -> tuple[np.ndarray, np.ndarray]:
+    """Of the unloaded platform with its struts locked [mm/N]: sideways in the worst direction, and along z."""
+    still = np.zeros(x.size)
+    c = prism.compliance((x.ravel(), y.ravel(), still + z, still, still, still))
+    return 1000 * np.linalg.eigvalsh(c[:, :2, :2])[:, 1].reshape(x.shape), 1000 * c[:, 2, 2].reshape(x.shape)
 
 
 @_styled
@@ -68,22 +85,17 @@ def compliance_maps(prism: SpatialPrism) -> Figure:
     panels = figure.subplots(2, len(_HEIGHTS), sharex=True, sharey=True)
     tables = []
     for height in _HEIGHTS:
-        x, y, inside = _disc(prism, height, 81)
-        still = np.zeros(int(inside.sum()))
-        c = prism.compliance((x[inside], y[inside], still + height * D, still, still, still))
-        sideways, upwards = np.full(x.shape, np.nan), np.full(x.shape, np.nan)
-        sideways[inside] = 1000 * np.linalg.eigvalsh(c[:, :2, :2])[:, 1]
-        upwards[inside] = 1000 * c[:, 2, 2]
-        tables.append((x, y, sideways, upwards))
+        x, y = _sector(prism, 41, 61)
+        tables.append((x, y, *compliance(prism, x, y, height * D)))
     for row, (which, label) in enumerate(((2, "sideways, worst direction"), (3, "along z"))):
-        top = max(float(np.nanpercentile(table[which], 98)) for table in tables)
+        levels = MaxNLocator(12).tick_values(0, max(float(np.percentile(table[which], 98)) for table in tables))
         for axes, table, height in zip(panels[row], tables, _HEIGHTS, strict=True):
-            image = axes.pcolormesh(*table[:2], table[which], cmap="viridis", vmin=0, vmax=top, rasterized=True)
+            image = axes.contourf(*_thirds(*table[:2], table[which]), levels=levels, cmap="viridis", extend="max")
             _base(axes, prism)
             if not row:
                 axes.set(title=f"z = {height * D:g} m", xlabel="")
         panels[row][0].set_ylabel(f"{label}\ny [m]")
-        figure.colorbar(image, ax=list(panels[row]), shrink=0.85, extend="max", label="compliance [mm/N]")
+        figure.colorbar(image, ax=list(panels[row]), shrink=0.85, label="compliance [mm/N]")
     return figure
 
 
@@ -100,23 +112,71 @@ def unloading_maps(prism: SpatialPrism) -> Figure:
     for row, (ways, label) in enumerate(((sideways, "sideways, weakest direction"), (downwards, "downwards"))):
         tables = []
         for height in _HEIGHTS:
-            x, y, inside = _disc(prism, height, 31)
-            r = np.stack([x[inside], y[inside], np.full(int(inside.sum()), height * D)])
+            x, y = _sector(prism, 25, 37)
+            r = np.stack([x.ravel(), y.ravel(), np.full(x.size, height * D)])
             n = r.shape[1]
             lengths = [np.tile(length, ways.shape[1]) for length in prism.inverse_kinematics(tuple(r))]
             found = prism.unloading_limit(lengths, tuple(np.repeat(ways, n, axis=1)), largest)
-            table = np.full(x.shape, np.nan)
-            table[inside] = found.force.reshape(-1, n).min(axis=0)
-            tables.append(table)
-        low, high = (float(choose(tables)) for choose in (np.nanmin, np.nanmax))
+            tables.append(found.force.reshape(-1, n).min(axis=0).reshape(x.shape))
+        high = min(float(np.max(tables)), largest)
+        levels = np.asarray(MaxNLocator(12).tick_values(float(np.min(tables)), high))
+        levels = levels[levels <= high] if high >= largest else levels
         for axes, table, height in zip(panels[row], tables, _HEIGHTS, strict=True):
-            image = axes.pcolormesh(x, y, table, cmap="cividis", vmin=low, vmax=high, rasterized=True)
+            beyond = "max" if high >= largest else "neither"
+            image = axes.contourf(*_thirds(x, y, table), levels=levels, cmap="cividis", extend=beyond)
             _base(axes, prism)
             if not row:
                 axes.set(title=f"z = {height * D:g} m", xlabel="")
         panels[row][0].set_ylabel(f"{label}\ny [m]")
-        beyond = "max" if high >= largest else "neither"
-        figure.colorbar(image, ax=list(panels[row]), shrink=0.85, extend=beyond, label="force [N]")
+        figure.colorbar(image, ax=list(panels[row]), shrink=0.85, label="force [N]")
+    return figure
+
+
+def _least(prism: SpatialPrism, r: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest thrust of the struts [N] and smallest distance between them [m], at positions without a load."""
+    q = (*np.broadcast_arrays(*r), *(np.zeros(np.broadcast_shapes(*(np.shape(v) for v in r))) for _ in range(3)))
+    return np.min(prism.actuator_forces(q), axis=0), prism.strut_clearance(q)
+
+
+@_styled
+def workspace(prism: SpatialPrism) -> Figure:
+    """Where all struts push without a load, and where they come close to each other: four horizontal sections, and a
+    vertical one.
+    """
+    D = float(prism.design.D)
+    axis = np.linspace(-2.0 * D, 2.0 * D, 301)
+    x, y = np.meshgrid(axis, axis)
+    figure = _figure(10.4, 5.2)
+    panels = figure.subplots(2, 3).ravel()
+    up = np.linspace(0.02 * D, 2.5 * D, 301)
+    across, upwards = np.meshgrid(axis, up)
+    sections: list[tuple[Any, Any, tuple[Any, ...], str]] = [
+        (x, y, (x, y, height * D), f"z = {height * D:g} m") for height in _HEIGHTS
+    ]
+    sections.append((across, upwards, (across, 0.0, upwards), "y = 0"))
+    found = [_least(prism, place) for _, _, place, _ in sections]
+    levels = np.asarray(MaxNLocator(10).tick_values(0, max(float(thrust.max()) for thrust, _ in found)))
+    near = 0.05 * D
+    for axes, (first, second, _, title), (thrust, clearance) in zip(panels, sections, found, strict=False):
+        image = axes.contourf(first, second, np.maximum(thrust, -1e-9), levels=levels[levels >= 0], cmap=_BLUES)
+        if thrust.min() < 0 < thrust.max():
+            axes.contour(first, second, thrust, levels=[0.0], colors=[_INK], linewidths=1.0)
+        if clearance.min() < near < clearance.max():
+            axes.contour(first, second, clearance, levels=[near], colors=[_COLOURS[1]], linewidths=1.0)
+        flat = title != "y = 0"
+        if flat:
+            _base(axes, prism)
+        axes.set(aspect="equal", title=title, xlabel="x [m]", ylabel="y [m]" if flat else "z [m]")
+        axes.set(xlim=(axis[0], axis[-1]), ylim=(axis[0], axis[-1]) if flat else (0, up[-1]))
+    panels[-1].set_axis_off()
+    figure.colorbar(image, ax=panels[-1], shrink=0.9, location="left", label="smallest thrust of a strut [N]")
+    handles = [Line2D([], [], color=_INK, linewidth=0.8, label="base")]
+    if any(thrust.min() < 0 for thrust, _ in found):
+        handles.append(Line2D([], [], color=_INK, linewidth=1.0, label="a strut stops pushing"))
+    if any(clearance.min() < near for _, clearance in found):
+        label = f"struts are {1000 * near:.3g} mm apart, closer outside"
+        handles.append(Line2D([], [], color=_COLOURS[1], linewidth=1.0, label=label))
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
 
 
@@ -134,13 +194,13 @@ def polar_limits(prism: SpatialPrism) -> Figure:
         found = prism.unloading_limit(lengths, (np.cos(angles), np.sin(angles), 0 * angles), 8 * k * D)
         for event, colour in colours.items():
             force = np.where(found.event == event, found.force, np.nan)
-            axes.plot(np.degrees(angles), force, color=colour, linestyle=style, linewidth=1.8)
+            axes.plot(np.degrees(angles), without_jumps(force), color=colour, linestyle=style, linewidth=1.8)
     handles = [Line2D([], [], color=colours[event], label=text) for event, text in _EVENTS.items()]
     for height, style in styles.items():
         handles.append(Line2D([], [], color=_FAINT, linestyle=style, label=f"z = {height * D:g} m"))
     axes.set(xlabel="direction of the sideways force [degrees from x]", ylabel="force [N]", xlim=(-180, 180))
     axes.set(ylim=(0, None), xticks=range(-180, 181, 60))
-    axes.legend(handles=handles, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    figure.legend(handles=handles, ncols=2, loc="outside lower center")
     return figure
 
 
@@ -155,14 +215,15 @@ def pictures(prism: SpatialPrism) -> Figure:
         (f"{k * D:g} N down", low, (0.0, 0.0, -k * D)),
         (f"{k * D:g} N along x", low, (k * D, 0.0, 0.0)),
     ]
-    figure = _figure(8.4, 3.0)
+    figure = _figure(9.6, 3.2)
     for axes, (title, r, force) in zip(figure.subplots(1, 4, sharex=True, sharey=True), cases, strict=True):
         found = prism.loaded_equilibrium(prism.inverse_kinematics(r), force)
         if force != _STILL:
             _draw_prism(axes, prism, (*r, *_STILL), ghost=True)
         _draw_prism(axes, prism, found.configuration)
         turn = math.degrees(math.sqrt(sum(float(w) ** 2 for w in found.configuration[3:])))
-        axes.set(aspect="equal", title=f"{title}, turned {turn:.1f}°" if force != _STILL else title)
+        at = ", ".join(f"{component:.3g}" for component in r)
+        axes.set(aspect="equal", title=f"{title}, turned {turn:.1f}°" if force != _STILL else f"{title}, ({at}) m")
         axes.set_axis_off()
     return figure
 

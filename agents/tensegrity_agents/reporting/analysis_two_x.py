@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 
-from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _note, _styled
+from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _note, _styled, outline, without_jumps
 from tensegrity_envs.mechanics.accessibility import PI, Accessibility, tip_curve, wrapped
 from tensegrity_envs.mechanics.overlay import Image
 from tensegrity_envs.mechanics.regions import LIMIT, Interval, Traced
@@ -46,19 +46,6 @@ _TYPES = (
 )
 _ANGLES = r"$\alpha_1$ [rad]", r"$\alpha_2$ [rad]"
 _TICKS = {k: v for k, v in zip((-2, -1, 0, 1, 2), (r"$-2\pi$", r"$-\pi$", "0", r"$\pi$", r"$2\pi$"), strict=True)}
-
-
-def outline(geometry: Any) -> Outline | None:
-    """A shapely geometry's polygons as one matplotlib path, holes included; None where there is none."""
-    rings = []
-    for polygon in shapely.get_parts(geometry):
-        if polygon.geom_type == "Polygon" and not polygon.is_empty:
-            oriented = shapely.geometry.polygon.orient(polygon)
-            rings += [np.asarray(ring.coords) for ring in (oriented.exterior, *oriented.interiors)]
-    if not rings:
-        return None
-    codes = [np.r_[Outline.MOVETO, np.full(len(r) - 2, Outline.LINETO), Outline.CLOSEPOLY] for r in rings]
-    return Outline(np.concatenate(rings), np.concatenate(codes))
 
 
 def _fill(axes: Axes, geometry: Any, colour: str, **kwargs: Any) -> None:
@@ -184,7 +171,6 @@ def inverse_solutions(mechanism: TwoX, solutions: Sequence[InverseSolution], tar
         axes.set(aspect="equal", xlabel="x [m]")
         axes.grid(visible=False)
     panels[0].set_ylabel("y [m]")
-    figure.suptitle(f"tip at ({target[0]:g}, {target[1]:g})", fontsize=9.5)
     return figure
 
 
@@ -341,7 +327,7 @@ def boundary_scan(mechanism: TwoX, intervals: Sequence[Interval], fixed: float, 
                 f"{end:.5f}", (end, 0), xytext=(0, -13), textcoords="offset points", ha="center", fontsize=7.5
             )
     for name, values in margins.items():
-        left.plot(s, values, color=_CONDITIONS.get(name, _INK), linewidth=1.3, label=name)
+        left.plot(s, without_jumps(values), color=_CONDITIONS.get(name, _INK), linewidth=1.3, label=name)
     left.axhline(0, color=_INK, linewidth=0.8)
     left.set(xlim=(-PI, PI), ylim=(-1, 2), xlabel=_ANGLES[0], ylabel="margins [-]")
     left.set_title(rf"slice $\alpha_2$ = {fixed:g}")

@@ -10,15 +10,28 @@ import numpy as np
 import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.evaluation.compare import Comparison, Progress
+from tensegrity_agents.reporting import dual_triangle_fields as fields
 from tensegrity_agents.reporting import figures, table, video
 from tensegrity_agents.reporting.report import collect_metadata, write_report
 from tensegrity_envs.mechanics import PlanarFourBarDesign, TwoXDesign
+from tensegrity_envs.mechanics.planar_four_bar.workspace import output_workspace
 from tensegrity_envs.seeding import TEST_SEED
 from tensegrity_envs.tasks import Hold, Track
 from tensegrity_envs.vector_env import step_info
 
 _PATHS = 12  # episodes whose joint paths are drawn
 _WORKSPACE_EPISODES = 300
+_TITLES = {
+    "success": "success by controller",
+    "scores": "score by controller",
+    "error": "distribution of final errors",
+    "steps": "success over the steps",
+    "tracking": "distance from the moving goal",
+    "joint_space": "paths in joint space",
+    "tip_paths": "paths of the tip",
+    "workspace": "targets of the agent's episodes",
+    "learning_curve": "training",
+}
 
 
 def write_comparison(
@@ -30,8 +43,8 @@ def write_comparison(
         The path of report.html, and the rows of the table.
     """
     runs = comparison.runs
-    envs = gym.make_vec(experiment.env, 1, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
-    core: Any = envs.unwrapped.core  # type: ignore[attr-defined]
+    envs = _vector(experiment, 1)
+    core: Any = envs.unwrapped.core
     rows = table.summary_rows(runs, float(core.reach))
     (folder / "summary.md").write_text(table.to_markdown(rows) + "\n\n" + table.verdict(rows) + "\n")
     pictures = folder / "figures"
@@ -50,7 +63,7 @@ def write_comparison(
     made: dict[str, Path] = {}
 
     def keep(name: str, figure: Any) -> None:
-        made[name] = figures.save(figure, pictures / name)
+        made[name] = figures.save(figure, pictures / name, f"{experiment.env.split('/')[1]}: {_TITLES[name]}")
         drawn(name)
 
     keep("success", figures.success_bars(rows))
@@ -70,20 +83,21 @@ def write_comparison(
         shade = figures.swfw(core.design)
         keep("joint_space", figures.joint_space(core.design, {name: path[0] for name, path in paths.items()}, look))
     else:
-        shade = figures.reachable(_tips(core))
+        shade = figures.inside(_reachable(core))
         tips = {name: list(ends.paths or ()) for name, (_, ends) in paths.items()}
         keep("tip_paths", figures.tip_paths(shade, tips, next(iter(paths.values()))[1].target, look))
     if not tracks:
         endings = _paths(comparison.controllers[agent], experiment, _WORKSPACE_EPISODES)[1]
         keep("workspace", figures.workspace(shade, endings, agent))
-    first = next(iter(comparison.curves.values()))
-    keep("learning_curve", figures.learning_curve(first))
+    first = next(iter(comparison.curves))
+    keep("learning_curve", figures.learning_curve(comparison.curves[first], comparison.evaluations.get(first)))
     film = video.record(
         experiment.env,
         comparison.controllers,
         TEST_SEED + experiment.video_episode,
         folder / "side_by_side.gif",
         max_steps=core.task.cycle if tracks else gym.spec(experiment.env).max_episode_steps or 100,
+        env_options=experiment.options,
     )
     drawn("video")
     descriptions = [policy.description for policy in comparison.agents.values()]
@@ -111,9 +125,19 @@ def write_comparison(
     return report, rows
 
 
+def _vector(experiment: Experiment, count: int) -> Any:
+    return gym.make_vec(
+        experiment.env,
+        count,
+        vectorization_mode="vector_entry_point",
+        autoreset_mode="SameStep",
+        **experiment.options,
+    )
+
+
 def _tracking_errors(controller: Any, experiment: Experiment, count: int = 300) -> np.ndarray:
     """Distance from the moving goal [m] after every step of the first test episodes, (steps, n); NaN once failed."""
-    envs = gym.make_vec(experiment.env, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
+    envs = _vector(experiment, count)
     observation, _ = envs.reset(seed=TEST_SEED)
     base: Any = envs.unwrapped
     if (begin := getattr(controller, "begin_episodes", None)) is not None:
@@ -130,27 +154,29 @@ def _tracking_errors(controller: Any, experiment: Experiment, count: int = 300) 
     return np.stack(errors)
 
 
-def _tips(core: Any, count: int = 40_000) -> np.ndarray:
-    """Tip positions (2, count) [m]: of random configurations within the joint limits that the inputs can hold, of the
-    planar 4-bar mechanism those of random stable rectangles.
+def _reachable(core: Any) -> Any:
+    """Where the tip can be without a load, as a shapely geometry [m]: of the planar 4-bar in stable rectangles, of the
+    dual-triangle arm within the limits of joints and inputs.
     """
-    rng = np.random.default_rng(0)
-    low, high = core.simulation.bounds(core.nominal)
     if isinstance(core.design, PlanarFourBarDesign):
-        lengths = rng.uniform(low, high, (2, count))
-        lengths = lengths[:, (lengths**2).sum(axis=0) < (2 * core.nominal.length) ** 2]
-        return np.concatenate([np.stack(core.nominal.rectangle(tuple(lengths), side)[1]) for side in (1.0, -1.0)], 1)
+        return output_workspace(core.nominal).reachable
+    low, high = (float(bound) for bound in core.simulation.bounds(core.nominal))
     limit = float(core.design.joint_limit)
-    q = tuple(rng.uniform(-limit, limit, (core.nominal.degrees_of_freedom, count)))
     control = getattr(core.simulation, "control", core.simulation)  # of a dynamic one, the inputs that it moves
-    inputs = control.usual_inputs(core.nominal, q, (0.0, 0.0))
-    held = np.all([(value >= low) & (value <= high) for value in inputs], axis=0)
-    return np.stack(core.nominal.tip(q))[:, held]
+
+    def room(q: tuple[np.ndarray, ...]) -> np.ndarray:
+        still = (np.zeros_like(q[0]), np.zeros_like(q[0]))
+        inputs = np.array(control.usual_inputs(core.nominal, tuple(np.clip(a, -limit, limit) for a in q), still))
+        margin = np.minimum(inputs - low, high - inputs).min(axis=0) / (high - low)
+        return np.asarray(np.nan_to_num(np.minimum(margin, (limit - np.abs(np.array(q))).min(axis=0)), nan=-1.0))
+
+    field = fields.maximum(core.nominal, room, 301, mirrored=False)
+    return fields.region_of(field, float(core.design.b1))
 
 
 def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np.ndarray], figures.Endings]:
     """Joint paths and tip positions of the first test episodes."""
-    envs = gym.make_vec(experiment.env, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
+    envs = _vector(experiment, count)
     observation, info = envs.reset(seed=TEST_SEED)
     begin = getattr(controller, "begin_episodes", None)
     base: Any = envs.unwrapped

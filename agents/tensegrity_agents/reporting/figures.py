@@ -1,7 +1,7 @@
 """Figures of a comparison, in one style that prints well and that colour-blind readers can read.
 
-Every function returns a `matplotlib.figure.Figure` of its own (no pyplot, no global state); `save` writes it as PNG and
-SVG. A controller looks the same in all of them: see `looks`.
+Every function returns a `matplotlib.figure.Figure` of its own (no pyplot, no global state); `save` writes it as PNG,
+SVG and PDF. A controller looks the same in all of them: see `looks`.
 """
 
 import math
@@ -14,16 +14,21 @@ from typing import Any, NamedTuple, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 
 from tensegrity_agents.evaluation.results import Run
 from tensegrity_agents.reporting.table import Row, grouped, success_text
 from tensegrity_envs.mechanics.two_x import TwoX, TwoXDesign
+from tensegrity_envs.mechanics.workspace import stable_wrench_feasible_workspace
 
 _STYLE: Any = {
     "figure.dpi": 100,
@@ -51,9 +56,11 @@ _STYLE: Any = {
     "figure.constrained_layout.w_pad": 0.08,
     "figure.constrained_layout.h_pad": 0.08,
     "svg.hashsalt": "tensegrity",
+    "pdf.fonttype": 42,  # letters as letters, which journals ask for
 }
-_FLOOR = 1e-3  # [mm] smaller errors are drawn here
+_SMALLEST = 2e-4  # of the tolerance: smaller errors are drawn here
 _GRID = 361  # points of the joint space along each axis
+_SLIVER = 1e-6  # of a region: smaller holes lie between two chords of one curve
 _MOST_PATHS = 40  # failures drawn
 _INK, _FAINT, _GOOD, _BAD = "#1e242c", "#6b7480", "#009e73", "#d55e00"
 
@@ -112,17 +119,46 @@ def _styled(function: Callable[_P, Figure]) -> Callable[_P, Figure]:
     return styled
 
 
-def save(figure: Figure, stem: Path) -> Path:
-    """Write a figure to `stem`.png (200 dots per inch) and `stem`.svg, the same bytes for the same figure.
+def save(figure: Figure, stem: Path, title: str = "") -> Path:
+    """Write a figure to `stem`.png (200 dots per inch), `stem`.svg and `stem`.pdf, the same bytes for the same figure.
+
+    Args:
+        figure: to write.
+        stem: path without its ending.
+        title: above the figure, and in the files; none is drawn if it is empty.
 
     Returns:
         The path of the PNG.
     """
-    png, svg = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".svg")
+    png, svg, pdf = (stem.with_name(f"{stem.name}.{ending}") for ending in ("png", "svg", "pdf"))
     with mpl.rc_context(_STYLE):
-        figure.savefig(png, dpi=200, metadata={"Software": None})
-        figure.savefig(svg, dpi=200, metadata={"Date": None})
+        if title:
+            figure.suptitle(title.replace("$", r"\$"), fontsize=10.5)
+        named = {"Title": title} if title else {}
+        needed = figure.get_tightbbox()
+        whole = Bbox.from_bounds(0, 0, *figure.get_size_inches())
+        tight: Any = {"bbox_inches": Bbox.union([whole, needed])}  # nothing is cut off, however long a name is
+        figure.savefig(png, dpi=200, **tight, metadata={"Software": None, **named})
+        figure.savefig(svg, dpi=200, **tight, metadata={"Date": None, **named})
+        figure.savefig(pdf, dpi=200, **tight, metadata={"CreationDate": None, **named})
     return png
+
+
+def without_jumps(values: np.ndarray, ratio: float = 6.0) -> np.ndarray:
+    """Samples of a function with NaN where it jumps, so that no line is drawn there.
+
+    A jump is a step that is `ratio` times larger than both steps beside it, and larger than 2% of the range.
+    """
+    values = np.array(values, float)
+    if np.isfinite(values).sum() < 4:
+        return values
+    step = np.abs(np.diff(values))
+    beside = np.maximum(np.append(0.0, step[:-1]), np.append(step[1:], 0.0))
+    beside = np.where(np.isfinite(beside), beside, 0.0)
+    size = float(np.nanmax(values) - np.nanmin(values))
+    jump = (step > ratio * beside) & (step > 0.02 * size)
+    values[1:][jump] = np.nan
+    return values
 
 
 def looks(kinds: Mapping[str, str]) -> dict[str, Look]:
@@ -147,6 +183,13 @@ def looks(kinds: Mapping[str, str]) -> dict[str, Look]:
                 colours[k % len(colours)], _DASHES[k % len(_DASHES)], 2.4 if kind == "agent" else 1.8, marker
             )
     return found
+
+
+def length_unit(tolerance: float) -> tuple[str, float]:
+    """The unit in which errors are told where this is a good one, and how many there are in a metre."""
+    if tolerance >= 0.02:
+        return "m", 1.0
+    return ("mm", 1e3) if tolerance >= 2e-5 else ("µm", 1e6)
 
 
 def _figure(width: float, height: float, **kwargs: Any) -> Figure:
@@ -200,10 +243,10 @@ def success_bars(rows: list[Row]) -> Figure:
             zoomed.plot(100 * row["success"], i, chosen.marker, color=chosen.colour, markersize=6, clip_on=False)
         low = min(100 * row["success_low"] for row in near)
         span = max(100 - low, 0.5)
-        zoomed.set(xlim=(low - 0.12 * span, 100), xlabel="magnified [%], with 95% intervals")
+        zoomed.set(xlim=(low - 0.12 * span, 100), xlabel="magnified, with 95% intervals [%]")
         zoomed.tick_params(left=False)
     else:
-        panels[0].set_xlabel("success [%], with 95% intervals")
+        panels[0].set_xlabel("success, with 95% intervals [%]")
     return figure
 
 
@@ -214,21 +257,26 @@ def error_distribution(runs: list[Run], tolerance: float = 0.005) -> Figure:
     axes = figure.subplots()
     groups = grouped(runs)
     look = looks({name: group[0].kind for name, group in groups.items()})
-    largest = 10 * 1000 * tolerance
+    unit, factor = length_unit(tolerance)
+    if runs[0].error_unit != "mm":
+        unit, factor = runs[0].error_unit, 1000.0
+    floor = _SMALLEST * factor * tolerance
+    floor = 10.0 ** math.floor(math.log10(floor))
+    largest = 10 * factor * tolerance
     for name, group in groups.items():
         pooled = np.concatenate([run.columns["final_error_m"] for run in group])
-        error = np.sort(np.maximum(1000 * np.where(np.isnan(pooled), np.inf, pooled), _FLOOR))
+        error = np.sort(np.maximum(factor * np.where(np.isnan(pooled), np.inf, pooled), floor))
         share = 100 * np.arange(1, len(error) + 1) / len(error)
         finite = np.isfinite(error)
         if finite.any():
             largest = max(largest, error[finite][-1])
-        x = np.concatenate([[_FLOOR / 10], error[finite], [1e6]])
+        x = np.concatenate([[floor / 10], error[finite], [1e9 * floor]])
         y = np.concatenate([[0.0], share[finite], [share[finite][-1] if finite.any() else 0.0]])
         axes.step(x, y, where="post", label=_short(name), **look[name].line)
-    axes.axvline(1000 * tolerance, color=_INK, linewidth=1.0)
+    axes.axvline(factor * tolerance, color=_INK, linewidth=1.0)
     axes.annotate(
-        f"tolerance {1000 * tolerance:g} mm",
-        (1000 * tolerance, 5),
+        f"tolerance {factor * tolerance:.4g} {unit}",
+        (factor * tolerance, 5),
         xytext=(4, 0),
         textcoords="offset points",
         rotation=90,
@@ -236,10 +284,10 @@ def error_distribution(runs: list[Run], tolerance: float = 0.005) -> Figure:
         fontsize=8,
     )
     axes.set_xscale("log")
-    axes.set(xlim=(0.6 * _FLOOR, 1.3 * largest), ylim=(0, 101.5))
-    axes.set(xlabel="final tip error [mm]", ylabel="episodes within that error [%]")
-    ticks = [10.0**k for k in range(-3, math.ceil(math.log10(1.3 * largest)))]
-    axes.set_xticks(ticks, [f"≤{t:g}" if t == _FLOOR else f"{t:g}" for t in ticks])
+    axes.set(xlim=(0.6 * floor, 1.3 * largest), ylim=(0, 101.5))
+    axes.set(xlabel=f"final error [{unit}]", ylabel="episodes within that error [%]")
+    ticks = [10.0**k for k in range(round(math.log10(floor)), math.ceil(math.log10(1.3 * largest)))]
+    axes.set_xticks(ticks, [f"≤{t:g}" if t == ticks[0] else f"{t:g}" for t in ticks])
     _legend(axes)
     return figure
 
@@ -259,7 +307,7 @@ def success_over_steps(runs: list[Run]) -> Figure:
         y = 100 * np.concatenate([np.arange(len(found) + 1), [len(found)]]) / len(reached)
         axes.step(x, y, where="post", label=_short(name), **look[name].line)
     axes.set(xlim=(0, max(last, 1)), ylim=(0, 101.5))
-    axes.set(xlabel="step", ylabel="episodes that have been on target [%]")
+    axes.set(xlabel="step [-]", ylabel="episodes that have been on target [%]")
     _legend(axes)
     return figure
 
@@ -333,37 +381,36 @@ def joint_space(
 
 
 def swfw(design: TwoXDesign) -> Callable[[Any], np.ndarray]:
-    """Paints the stable wrench-feasible workspace of a 2-X."""
+    """Paints the stable wrench-feasible workspace of a 2-X within its joint limits, by its exact boundary."""
+    return inside(stable_wrench_feasible_workspace(TwoX(design)).reachable)
+
+
+def inside(region: Any) -> Callable[[Any], np.ndarray]:
+    """Paints where the tip can be, a shapely geometry [m]."""
 
     def paint(axes: Any) -> np.ndarray:
-        mechanism, a1, a2, margin = _joint_grid(design)
-        x, y = mechanism.tip((a1, a2))
-        corners = np.minimum.reduce([margin[:-1, :-1], margin[1:, :-1], margin[:-1, 1:], margin[1:, 1:]])
-        axes.pcolormesh(
-            x, y, np.ma.masked_less_equal(corners, 0), cmap=ListedColormap([_AREA]), rasterized=True, antialiased=False
-        )
-        return np.stack([v[:-1, :-1][corners > 0] for v in (x, y)])
+        path = outline(region)
+        if path is None:
+            return np.zeros((2, 1))
+        axes.add_patch(PathPatch(path, facecolor=_AREA, edgecolor="#9fb6cf", linewidth=0.7, zorder=0))
+        return np.asarray(path.vertices).T
 
     return paint
 
 
-def reachable(tips: np.ndarray) -> Callable[[Any], np.ndarray]:
-    """Paints where the tip can be, from many of its positions, shape (2, n) [m]."""
-
-    def paint(axes: Any) -> np.ndarray:
-        size = float(np.ptp(tips, axis=1).max()) / 60
-        axes.hexbin(
-            *tips,
-            gridsize=np.maximum(np.ptp(tips, axis=1) / size, 1).astype(int),
-            mincnt=1,
-            zorder=0,
-            bins=[0],
-            cmap=ListedColormap([_AREA]),
-            linewidths=0.2,
-        )
-        return tips
-
-    return paint
+def outline(geometry: Any) -> Outline | None:
+    """A shapely geometry's polygons as one matplotlib path, holes included; None where there is none."""
+    rings = []
+    smallest = _SLIVER * shapely.area(geometry)
+    for polygon in shapely.get_parts(geometry):
+        if polygon.geom_type == "Polygon" and not polygon.is_empty:
+            oriented = shapely.geometry.polygon.orient(polygon)
+            holes = [hole for hole in oriented.interiors if shapely.Polygon(hole).area > smallest]
+            rings += [np.asarray(ring.coords) for ring in (oriented.exterior, *holes)]
+    if not rings:
+        return None
+    codes = [np.r_[Outline.MOVETO, np.full(len(r) - 2, Outline.LINETO), Outline.CLOSEPOLY] for r in rings]
+    return Outline(np.concatenate(rings), np.concatenate(codes))
 
 
 @_styled
@@ -411,22 +458,24 @@ def tracking_errors(errors: Mapping[str, np.ndarray], tolerance: float, cycle: i
     """
     figure = _figure(7.2, 3.5)
     axes = figure.subplots()
+    unit, factor = length_unit(tolerance)
+    floor = _SMALLEST * factor * tolerance
     for name, table in errors.items():
         alive = np.where(np.isnan(table), np.inf, table)  # failed: no error is larger
-        middle, most = (1000 * np.quantile(alive, q, axis=1, method="nearest") for q in (0.5, 0.95))
+        middle, most = (factor * np.quantile(alive, q, axis=1, method="nearest") for q in (0.5, 0.95))
         steps = np.arange(1, len(table) + 1)
-        axes.plot(steps, np.maximum(middle, _FLOOR), label=_short(name), **look[name].line)
+        axes.plot(steps, np.maximum(middle, floor), label=_short(name), **look[name].line)
         axes.fill_between(
             steps,
-            np.maximum(middle, _FLOOR),
-            np.maximum(most, _FLOOR),
+            np.maximum(middle, floor),
+            np.maximum(most, floor),
             color=look[name].colour,
             alpha=0.15,
             linewidth=0,
         )
-    axes.axhline(1000 * tolerance, color=_INK, linewidth=1.0)
+    axes.axhline(factor * tolerance, color=_INK, linewidth=1.0)
     axes.axvline(cycle, color=_FAINT, linewidth=1.0, linestyle=(0, (4, 3)))
-    axes.set(yscale="log", xlabel="steps", ylabel="distance from the moving goal [mm]")
+    axes.set(yscale="log", xlabel="step [-]", ylabel=f"distance from the moving goal [{unit}]")
     _legend(axes)
     return figure
 
@@ -455,7 +504,7 @@ def workspace(shade: Callable[[Any], np.ndarray], episodes: Endings, title: str 
     """The workspace, the targets that were reached, and the tip's paths where they were not.
 
     Args:
-        shade: paints the workspace into the axes, see `swfw` and `reachable`.
+        shade: paints the workspace into the axes, see `swfw` and `inside`.
         episodes: of one controller.
         title: its name, say.
     """
@@ -494,41 +543,56 @@ def workspace(shade: Callable[[Any], np.ndarray], episodes: Endings, title: str 
 
 
 @_styled
-def learning_curve(progress: Mapping[str, Sequence[float] | np.ndarray]) -> Figure:
-    """Success and return of training episodes over the time spent.
+def learning_curve(
+    progress: Mapping[str, Sequence[float] | np.ndarray],
+    evaluation: Mapping[str, Sequence[float] | np.ndarray] | None = None,
+) -> Figure:
+    """Success and return over the time spent: of training episodes, and of the agent without exploration noise.
 
     Args:
         progress: "seconds", "timesteps", "success" (fractions) and "return", sequences of equal length; "success" and
             "return" may be missing or hold NaN.
+        evaluation: the same of the agent without noise, on validation episodes; None if it was not evaluated.
     """
+    quiet = {key: np.asarray(values, float) for key, values in (evaluation or {}).items()}
     seconds = np.asarray(progress.get("seconds", ()), float)
     timesteps = np.asarray(progress.get("timesteps", ()), float)
-    curves = [
-        (label, scale * np.asarray(progress[key], float), colour)
+    panels_of = [
+        (key, label, scale, colour)
         for key, label, scale, colour in (
             ("success", "success [%]", 100.0, _AGENTS[0]),
-            ("return", "return", 1.0, _BASELINES[0]),
+            ("return", "return [-]", 1.0, _BASELINES[0]),
         )
-        if key in progress and np.isfinite(np.asarray(progress[key], float)).any()
+        if any(np.isfinite(np.asarray(told.get(key, ()), float)).any() for told in (progress, quiet))
     ]
-    figure = _figure(7.2, 1.0 + 1.7 * max(len(curves), 1))
-    panels = list(np.atleast_1d(figure.subplots(max(len(curves), 1), 1, sharex=True)))
-    for axes, (label, values, colour) in zip(panels, curves, strict=False):
-        axes.plot(seconds, values, color=colour, linewidth=1.8, marker="o" if len(seconds) < 40 else "", markersize=3)
+    figure = _figure(7.2, 1.0 + 1.7 * max(len(panels_of), 1))
+    panels = list(np.atleast_1d(figure.subplots(max(len(panels_of), 1), 1, sharex=True)))
+    for axes, (key, label, scale, colour) in zip(panels, panels_of, strict=False):
+        if key in progress:
+            values = scale * np.asarray(progress[key], float)
+            marker = "o" if len(seconds) < 40 else ""
+            axes.plot(seconds, values, color=colour, linewidth=1.8, marker=marker, markersize=3, label="in training")
+        if key in quiet:
+            style = {"color": _INK, "linewidth": 1.2, "linestyle": "--", "marker": "s", "markersize": 3}
+            axes.plot(quiet["seconds"], scale * quiet[key], label="without noise, validation", **style)
         axes.set_ylabel(label)
-        if label.startswith("success"):
+        if key == "success":
             axes.set_ylim(0, 102)
-    if not curves:
+    if quiet and panels_of:
+        handles, _ = panels[0].get_legend_handles_labels()
+        _legend(panels[0], handles)
+    if not panels_of:
         _note(panels[0], "no episode ended during training")
     panels[-1].set_xlabel("time spent training [s]")
-    if len(seconds):
-        panels[0].set_xlim(0, max(float(seconds.max()), 1e-9))
+    last = max([float(np.max(times)) for times in (seconds, quiet.get("seconds", ())) if len(times)], default=0.0)
+    if last:
+        panels[0].set_xlim(0, last)
     rising = (
         len(seconds) > 1 and all(b > a for a, b in pairwise(seconds)) and all(b > a for a, b in pairwise(timesteps))
     )
     if rising and len(seconds) == len(timesteps):
         scale = timesteps[-1] / seconds[-1] / 1e6
         top = panels[0].secondary_xaxis("top", functions=(lambda s: s * scale, lambda t: t / scale))
-        top.set_xlabel("million environment steps")
+        top.set_xlabel("environment steps [million]")
         top.spines["top"].set_visible(True)
     return figure

@@ -22,9 +22,9 @@ from tensegrity_agents.reporting.table import (
     Row,
     best_agent,
     best_baseline,
+    error_text,
     grouped,
     microseconds,
-    millimetres,
     percent,
     plain,
     steps_text,
@@ -49,8 +49,8 @@ CAPTIONS = {
     "solutions meet. Lines are episodes, from the open circle to the filled mark.",
     "workspace": "What the tip can reach in a stable, wrench-feasible way (blue), the targets that were reached "
     "(green), and the paths of the tip in episodes that failed (orange; dotted: what was missing).",
-    "learning_curve": "Success and return of the training episodes, in which actions are noisy, over the time spent. "
-    "Dips are checkpoints, where all environments begin anew and the first episodes are cut short.",
+    "learning_curve": "Success and return over the time spent: of complete training episodes, in which actions are "
+    "noisy, and of the agent without that noise on a few validation episodes, which is what the table measures.",
 }
 _PACKAGES = (
     "tensegrity-envs",
@@ -188,6 +188,8 @@ def write_report(
         agent=agent["controller"] if agent else "",
         single_run=any(row["training_runs"] == 1 for row in rows),
         rows=shown,
+        holds=_holds(runs),
+        error_unit=rows[0]["error_unit"] if rows else "mm",
         any_better=any(row["text"]["better_interval"] for row in shown),
         any_normalized=any(not math.isnan(row["normalized"]) for row in rows),
         any_wilson=any(row["interval"] == "Wilson" for row in rows),
@@ -223,8 +225,8 @@ def _texts(row: Row) -> dict[str, str]:
         "low": percent(row["success_low"]),
         "high": percent(row["success_high"]),
         "ever": percent(row["success_ever"]),
-        "median": millimetres(row["error_median_mm"]),
-        "p95": millimetres(row["error_p95_mm"]),
+        "median": error_text(row, "error_median_mm"),
+        "p95": error_text(row, "error_p95_mm"),
         "median_share": percent(row["error_median_share"], "%") if "error_median_share" in row else "",
         "p95_share": percent(row["error_p95_share"], "%") if "error_p95_share" in row else "",
         "steps": steps_text(row["steps_median"]),
@@ -241,17 +243,24 @@ def _texts(row: Row) -> dict[str, str]:
     }
 
 
+def _holds(runs: list[Run]) -> bool:
+    """Whether the task is to hold, which gives a score."""
+    return any(np.isfinite(run.columns["score"]).any() for run in runs if "score" in run.columns)
+
+
 def _endings(runs: list[Run]) -> dict[str, Any]:
     """How the episodes of every controller ended: on target, off target at the time limit, or by which failure."""
+    holds = _holds(runs)
+    good, bad = ("held", "not held to the end") if holds else ("on target", "off target at the end")
     counts = {}
     for name, group in grouped(runs).items():
         words = [
-            reason or ("on target" if success else "off target at the end")
+            reason or (good if success else bad)
             for run in group
             for reason, success in zip(run.reasons, run.columns["success"], strict=True)
         ]
         counts[name] = (group[0].kind, Counter(words), len(words))
-    usual = ["on target", "off target at the end"]
+    usual = [good, bad]
     seen = set().union(*[counter for _, counter, _ in counts.values()]) if counts else set()
     names = [name for name in usual if name in seen] + sorted(seen - set(usual))
     rows = [

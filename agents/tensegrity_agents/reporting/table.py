@@ -20,6 +20,7 @@ from tensegrity_agents.evaluation.statistics import (
 
 Row = dict[str, Any]
 
+_LARGE = 3.0  # [m], the reach from which on errors are told in metres
 _NONE = "\N{EN DASH}"
 
 
@@ -43,7 +44,7 @@ def grouped(runs: list[Run]) -> dict[str, list[Run]]:
 def summary_rows(runs: list[Run], reach: float | None = None) -> list[Row]:
     """One row for every controller; several trained runs of one controller are one row.
 
-    Shares and rates are fractions, errors are in mm. Keys:
+    Shares and rates are fractions, errors are in mm, `error_unit` is the one in which they are shown. Keys:
         controller, kind, notes; episodes; training_runs (0 where nothing was trained), label ("1 training run", ...);
         success, success_low, success_high with interval ("Wilson", or "bootstrap" over runs and episodes, success then
         being the interquartile mean over runs), success_runs (each run's), success_ever, normalized (success with
@@ -106,7 +107,7 @@ def _row(group: list[Run], reach: float | None) -> Row:
     row = {
         "controller": first.controller,
         "kind": first.kind,
-        "error_unit": first.error_unit,
+        "error_unit": "m" if first.error_unit == "mm" and (reach or 0.0) >= _LARGE else first.error_unit,
         "notes": first.notes,
         "episodes": episodes,
         "training_runs": training_runs,
@@ -186,6 +187,17 @@ def millimetres(value: float) -> str:
     return f"{value:.{0 if value >= 100 else 1 if value >= 10 else 2}f}"
 
 
+def error_text(row: Row, name: str) -> str:
+    """An error of a row in the row's unit, about three digits: thousandths, or metres for arms as large as a room."""
+    value = float(row[name])
+    if row["error_unit"] != "m" or not math.isfinite(value):
+        return millimetres(value)
+    metres = value / 1000
+    if metres < 1e-5:
+        return "<0.00001"
+    return f"{metres:.{min(5, max(0, 2 - math.floor(math.log10(metres))))}f}"
+
+
 def plain(value: float, digits: int = 2) -> str:
     """A number with fixed decimals, or a dash for NaN."""
     return _NONE if math.isnan(value) else f"{value:.{digits}f}"
@@ -254,8 +266,8 @@ def print_table(rows: list[Row], console: Console) -> None:
             success_text(row),
             score_text(row),
             percent(row["success_ever"]),
-            millimetres(row["error_median_mm"]),
-            millimetres(row["error_p95_mm"]),
+            error_text(row, "error_median_mm"),
+            error_text(row, "error_p95_mm"),
             steps_text(row["steps_median"]),
             percent(row["unstable"]),
             percent(row["infeasible"]),
@@ -289,7 +301,7 @@ def to_markdown(rows: list[Row]) -> str:
         cells = [f"{name} ({row['label']})" if row["label"] else name, success_text(row)]
         cells += [score_text(row)] if with_score else []
         cells += [percent(row["success_ever"])]
-        cells += [millimetres(row["error_median_mm"]), millimetres(row["error_p95_mm"])]
+        cells += [error_text(row, "error_median_mm"), error_text(row, "error_p95_mm")]
         cells += [percent(row["error_p95_share"])] if with_reach else []
         cells += [steps_text(row["steps_median"]), percent(row["unstable"]), percent(row["infeasible"])]
         cells += [plain(row["stability_margin_p5"]), plain(row["wrench_margin_p5"]), plain(row["effort"])]

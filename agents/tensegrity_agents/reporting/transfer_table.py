@@ -5,7 +5,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tensegrity_agents.evaluation.transfer import Transferred
-from tensegrity_agents.reporting.table import millimetres, success_text, summary_rows
+from tensegrity_agents.reporting.table import error_text, success_text, summary_rows
 
 _HEADER = ("controller", "made for", "at rest: success [%], 95%", "error", "in motion: success [%], 95%", "error")
 
@@ -16,7 +16,7 @@ def _lines(results: list[Transferred], pair: tuple[str, str]) -> list[list[str]]
         cells = [candidate.name, "rest" if candidate.home == pair[0] else "motion"]
         for where in pair:
             row = summary_rows(runs[where])[0]
-            cells += [success_text(row), f"{millimetres(row['error_median_mm'])} mm"]
+            cells += [success_text(row), f"{error_text(row, 'error_median_mm')} {row['error_unit']}"]
         if candidate.name == "agent":
             count = len(candidate.controllers)
             cells[0] = f"agent ({count} training run{'s' if count > 1 else ''})"

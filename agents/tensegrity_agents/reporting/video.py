@@ -88,6 +88,7 @@ class _Player:
         self.ended, self._failed = False, False
         # Holding goes on after success, until it ends.
         self._goes_on = isinstance(self._env.unwrapped.core.task, Hold)  # type: ignore[attr-defined]
+        self._success, self._miss = ("held", "not held") if self._goes_on else ("on target", "not reached")
         self.film: list[Image.Image] = []  # the panel at every step
         self.settled_since = 0
         self.on_target = bool(info["is_success"])
@@ -128,7 +129,7 @@ class _Player:
         status, colour = "", _FAINT
         if self._failed or self.ended or self.on_target:
             status, colour = (
-                ("on target", _GOOD) if self.on_target else ("failed" if self._failed else "not reached", _BAD)
+                (self._success, _GOOD) if self.on_target else ("failed" if self._failed else self._miss, _BAD)
             )
         self.film.append(_panel(self.name, status, colour, picture))
 

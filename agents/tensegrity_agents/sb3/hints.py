@@ -30,13 +30,14 @@ class Hints:
 
     Args:
         env_id: Gymnasium id.
+        options: of the environment.
 
     Raises:
         ValueError: there are no hints for it.
     """
 
-    def __init__(self, env_id: str) -> None:
-        env: Any = gym.make(env_id).unwrapped
+    def __init__(self, env_id: str, options: dict[str, Any] | None = None) -> None:
+        env: Any = gym.make(env_id, **(options or {})).unwrapped
         arm = gym.spec(env_id).kwargs["arm"]
         if arm not in HINTS:
             known = [i for i in gym.registry if i.startswith("tensegrity/") and gym.spec(i).kwargs.get("arm") in HINTS]
@@ -70,17 +71,21 @@ class Hints:
 
 
 class HintedVecEnv(VecEnvWrapper):
-    """A vector environment of Stable-Baselines3 whose observations, terminal ones included, come with hints."""
+    """A vector environment of Stable-Baselines3 whose observations, terminal ones included, come with hints.
+
+    Attributes:
+        memory: what `hints` remember of the running episodes.
+    """
 
     def __init__(self, venv: VecEnv, hints: Hints) -> None:
         assert isinstance(venv.observation_space, spaces.Dict)
         self.hints = hints
-        self._memory: Any = None
+        self.memory: Any = None
         super().__init__(venv, hints.space(venv.observation_space))
 
     def reset(self) -> Any:
         """Begin new episodes everywhere."""
-        told, self._memory = self.hints(self.venv.reset())  # type: ignore[arg-type]
+        told, self.memory = self.hints(self.venv.reset())  # type: ignore[arg-type]
         return told
 
     def step_wait(self) -> Any:
@@ -89,9 +94,9 @@ class HintedVecEnv(VecEnvWrapper):
         ended = np.flatnonzero(done)
         if len(ended):
             last = [infos[i]["terminal_observation"] for i in ended]
-            memory = None if self._memory is None else type(self._memory)(*(part[ended] for part in self._memory))
+            memory = None if self.memory is None else type(self.memory)(*(part[ended] for part in self.memory))
             told, _ = self.hints({key: np.stack([seen[key] for seen in last]) for key in last[0]}, memory, ~done[ended])
             for row, i in enumerate(ended):
                 infos[i]["terminal_observation"] = {key: value[row] for key, value in told.items()}
-        told, self._memory = self.hints(observation, self._memory, done)  # type: ignore[arg-type]
+        told, self.memory = self.hints(observation, self.memory, done)  # type: ignore[arg-type]
         return told, reward, done, infos

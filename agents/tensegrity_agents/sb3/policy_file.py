@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,7 +70,7 @@ class TrainedPolicy:
 
     def __init__(self, policy: BasePolicy, normalization: Normalization, description: dict[str, Any]) -> None:
         self.policy, self.normalization, self.description = policy, normalization, description
-        self.hints = Hints(description["env"]) if description.get("model_hints") else None
+        self.hints = Hints(description["env"], description.get("options")) if description.get("model_hints") else None
         told = "what it observes, and what the nominal model says about that" if self.hints else "only what it observes"
         self.knows = f"{told}; trained by trial and error"
 
@@ -104,22 +105,24 @@ def policy_kwargs(
     }
 
 
-def save_policy(folder: Path, policy: BasePolicy, normalization: Normalization, description: dict[str, Any]) -> None:
+def save_policy(folder: Path, agent: TrainedPolicy) -> None:
     """Write policy.safetensors and policy.json into a folder, each whole or not at all.
 
     Args:
         folder: is created.
-        policy: of SB3.
-        normalization: of its observations.
-        description: env, algorithm, net_arch, activation, goal_error_scales, and anything else worth keeping (seed,
-            timesteps, config).
+        agent: whose description has env, options, algorithm, net_arch, activation, goal_error_scales, and anything
+            else worth keeping (seed, timesteps, config).
     """
+    policy, normalization, description = agent.policy, agent.normalization, agent.description
     folder.mkdir(parents=True, exist_ok=True)
     tensors = {key: value.detach().cpu().contiguous() for key, value in policy.state_dict().items()}
     tensors[_NORMALIZE + "mean"] = torch.from_numpy(np.asarray(normalization.mean, np.float64))
     tensors[_NORMALIZE + "variance"] = torch.from_numpy(np.asarray(normalization.variance, np.float64))
     data = save_tensors(tensors)
-    shapes = {key: list(space.shape or ()) for key, space in _spaces(description["env"])[0].spaces.items()}
+    shapes = {
+        key: list(space.shape or ())
+        for key, space in _spaces(description["env"], description.get("options"))[0].spaces.items()
+    }
     content = {
         "format": FORMAT,
         **description,
@@ -132,17 +135,21 @@ def save_policy(folder: Path, policy: BasePolicy, normalization: Normalization, 
     _write(folder / DESCRIPTION, json.dumps(content, indent=2).encode())
 
 
-def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
+def load_policy(
+    folder: str | os.PathLike[str], env_id: str | None = None, options: Mapping[str, Any] | None = None
+) -> TrainedPolicy:
     """Load a policy that `save_policy` wrote.
 
     Args:
         folder: the folder, or one of the two files in it.
         env_id: of the environment that it is wanted for, if that is to be checked.
+        options: of that environment.
 
     Raises:
         PolicyFileError: a file is missing, foreign, truncated, or the two do not belong together or to this
             environment.
     """
+    folder = Path(folder)
     folder = folder.parent if folder.name in (WEIGHTS, DESCRIPTION) else folder
     weights, description_file = folder / WEIGHTS, folder / DESCRIPTION
     for file in (weights, description_file):
@@ -158,6 +165,7 @@ def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
         settings += [bool(description.get("goal_is_angles", False)), float(description.get("goal_scale", 0.5))]
         clip, epsilon = (float(description["normalization"][key]) for key in ("clip", "epsilon"))
         shapes, action_size = description["observation_shapes"], description["action_size"]
+        trained_with = dict(description.get("options") or {})
     except (ValueError, KeyError, TypeError) as error:
         raise PolicyFileError(
             f"{description_file}: not a description of a policy of this package ({error!r})"
@@ -168,8 +176,8 @@ def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
             f"{description_file}: format {version!r}, algorithm {algorithm!r}, activation {settings[1]!r}; "
             f"this package reads format {FORMAT}, {', '.join(_POLICIES)}, {', '.join(_ACTIVATIONS)}"
         )
-    if env_id is not None and env != env_id:
-        observation_space, action_space = _spaces(env_id)
+    if env_id is not None and (env != env_id or trained_with != (options or {})):
+        observation_space, action_space = _spaces(env_id, options)
         if {k: list(s.shape or ()) for k, s in observation_space.spaces.items()} != shapes or action_space.shape != (
             action_size,
         ):
@@ -187,9 +195,9 @@ def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
         raise PolicyFileError(f"{weights}: not a safetensors file ({error})") from error
     try:
         mean, variance = (tensors.pop(_NORMALIZE + key).numpy() for key in ("mean", "variance"))
-        observation_space, action_space = _spaces(env)
+        observation_space, action_space = _spaces(env, trained_with)
         if description.get("model_hints"):
-            observation_space = Hints(env).space(observation_space)
+            observation_space = Hints(env, trained_with).space(observation_space)
         policy = _POLICIES[algorithm](
             observation_space, action_space, lambda _: 0.0, **policy_kwargs(algorithm, *settings)
         )
@@ -206,8 +214,8 @@ def load_policy(folder: Path, env_id: str | None = None) -> TrainedPolicy:
     return TrainedPolicy(policy, Normalization(mean, variance, clip, epsilon), description)
 
 
-def _spaces(env_id: str) -> tuple[spaces.Dict, spaces.Box]:
-    env = gym.make(env_id)
+def _spaces(env_id: str, options: Mapping[str, Any] | None) -> tuple[spaces.Dict, spaces.Box]:
+    env = gym.make(env_id, **(options or {}))
     observation_space, action_space = env.observation_space, env.action_space
     env.close()
     assert isinstance(observation_space, spaces.Dict)

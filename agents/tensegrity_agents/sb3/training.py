@@ -1,16 +1,19 @@
-"""Training in segments: after each one everything that the next needs is on disk, and a killed run goes on from there.
+"""Training in segments, with checkpoints from which a run that was stopped at any moment goes on.
 
 A segment begins with freshly reset environments and reseeded random numbers, both functions of (seed, segment) alone.
-For PPO a resumed run therefore repeats exactly what an uninterrupted one would have done (same machine, same number of
-threads). SAC and TQC also need their replay buffer, which is not kept: after a resume it fills anew before learning
+A checkpoint within a segment also holds the states of environments and random numbers, and is made between two
+rollouts: after a time, and when the process is asked to stop (SIGINT, SIGTERM). For PPO a resumed run therefore repeats
+exactly what an uninterrupted one would have done (same machine, same number of threads). SAC and TQC also need their
+replay buffer, which is not kept: after a resume they begin a new segment, and the buffer fills anew before learning
 goes on, so their results differ from an uninterrupted run, though not in kind.
 """
 
-import csv
-import os
 import random
+import signal
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,136 +27,283 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
-from tensegrity_agents.config import Experiment, TrainConfig
+from tensegrity_agents import env_options
+from tensegrity_agents.config import Experiment
+from tensegrity_agents.sb3.checkpoint import (
+    CHECKPOINT,
+    Progressed,
+    TrainingError,
+    go_on,
+    keep,
+    restore,
+    running_state,
+    with_later_settings,
+)
+from tensegrity_agents.sb3.curve import (
+    CURVE,
+    CURVE_COLUMNS,
+    EVALUATIONS,
+    CompleteEpisodes,
+    Evaluations,
+    read_curve,
+    write_curve,
+)
 from tensegrity_agents.sb3.hints import HintedVecEnv, Hints
 from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, policy_kwargs, save_policy
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
-CHECKPOINT, CURVE = "checkpoint.pt", "progress.csv"
-CURVE_COLUMNS = ("seconds", "timesteps", "success", "return", "length")
+__all__ = [
+    "CHECKPOINT",
+    "CURVE",
+    "CURVE_COLUMNS",
+    "EVALUATIONS",
+    "TrainingError",
+    "TrainingInterruptedError",
+    "read_curve",
+    "train",
+    "with_later_settings",
+]
 # progress(timesteps, total, success share of the latest episodes)
 Progress = Callable[[int, int, float], None]
 
 
-class TrainingError(RuntimeError):
-    """Training cannot go on; the message says what to do."""
+class TrainingInterruptedError(KeyboardInterrupt):
+    """Training was asked to stop, and has written a checkpoint.
+
+    Args:
+        timesteps: done so far.
+        number: of the signal.
+    """
+
+    def __init__(self, timesteps: int, number: int) -> None:
+        super().__init__(f"interrupted after {timesteps:,} steps, which are kept")
+        self.timesteps, self.number = timesteps, number
 
 
-class _Report(BaseCallback):
-    """Hands progress on, and keeps the learning curve."""
+class _Stop:
+    """Whether a signal has asked to stop; the second one interrupts at once."""
+
+    number: int | None = None
+
+    def __call__(self, number: int, frame: Any) -> None:
+        if self.number is not None:
+            raise KeyboardInterrupt
+        self.number = number
+
+
+@contextmanager
+def _stopping() -> Iterator[_Stop]:
+    """Notes SIGINT and SIGTERM instead of dying from them; only the main thread can."""
+    stop = _Stop()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _Training(BaseCallback):
+    """One training: its model and environments, how far it has come, and what is done between two rollouts."""
 
     def __init__(
-        self, total: int, rows: list[list[float]], begun: float, progress: Progress | None, interval: float
+        self, experiment: Experiment, seed: int, folder: Path, progress: Progress | None, checkpoint_seconds: float
     ) -> None:
         super().__init__()
-        self.total, self.rows, self.begun, self.progress, self.interval = total, rows, begun, progress, interval
-        self._last = 0.0
+        self.experiment, self.seed, self.folder = experiment, seed, folder
+        self.report, self.checkpoint_seconds = progress, checkpoint_seconds
+        self.settings = experiment.train
+        self.on_policy = self.settings.algorithm == "ppo"
+        self.options = env_options.canonical(experiment.env, experiment.options)
+        self.described = {
+            "env": experiment.env,
+            "seed": seed,
+            "options": self.options,
+            **self.settings.model_dump(mode="json"),
+        }
+        self.env = _environment(experiment)
+        self.algorithm = _model(experiment, self.env, seed)
+        limit = experiment.training_options.get("max_episode_steps", gym.spec(experiment.env).max_episode_steps)
+        self.episodes = CompleteEpisodes(self.env.num_envs, None if limit == -1 else limit, self.on_policy)
+        self.evaluate = Evaluations(experiment)
+        self.rows: list[list[float]] = []
+        self.evaluations: list[list[float]] = []
+        self.segment, self.segment_end = 0, 0
+        self.seconds = 0.0  # spent before this process
+        self.begun = self.saved = self.shown = time.monotonic()
+
+    def resume(self) -> None:
+        """Go on from the checkpoint in the folder.
+
+        Raises:
+            TrainingError: it is of another experiment or cannot be read.
+        """
+        path = self.folder / CHECKPOINT
+        found = restore(path, self.described, self.algorithm, self.env)
+        self.seconds = found.seconds
+        self.segment, self.rows, self.evaluations = found.segment, found.rows, found.evaluations
+        if found.episodes is not None:
+            self.episodes.go_on(found.episodes)
+        if found.running is not None and found.segment_end is not None:
+            try:
+                go_on(found.running, self.algorithm, self.env)
+            except (KeyError, TypeError, ValueError) as error:
+                raise TrainingError(
+                    f"{path}: does not fit ({error}); delete it (or use --fresh) to start anew"
+                ) from error
+            self.segment_end = found.segment_end
+
+    def run(self) -> None:
+        """Train to the end.
+
+        Raises:
+            TrainingInterruptedError: a signal asked to stop.
+        """
+        total, model = self.settings.total_timesteps, self.algorithm
+        self.begun = time.monotonic() - self.seconds
+        with _stopping() as self.stop:
+            while model.num_timesteps < total:
+                if model.num_timesteps >= self.segment_end:
+                    _reseed(model, self.env, self.seed, self.segment)
+                    self.episodes.reset()
+                    self.segment_end = min(model.num_timesteps + self.settings.segment_timesteps, total)
+                amount = self.segment_end - model.num_timesteps
+                model.learn(amount, callback=self, reset_num_timesteps=False, log_interval=10)
+                self.segment += 1
+                if model.num_timesteps >= total:
+                    self._evaluate()
+                self._keep(within=False)
+                if self.stop.number is not None and model.num_timesteps < total:
+                    raise TrainingInterruptedError(model.num_timesteps, self.stop.number)
+
+    def agent(self) -> TrainedPolicy:
+        """What has been trained so far."""
+        settings = self.settings
+        description = {
+            "env": self.experiment.env,
+            "options": self.options,
+            "algorithm": settings.algorithm,
+            "net_arch": settings.net_arch,
+            "activation": settings.activation,
+            "goal_error_scales": settings.goal_error_scales,
+            "goal_is_angles": settings.goal_is_angles,
+            "goal_scale": settings.goal_scale,
+            "model_hints": settings.model_hints,
+            "seed": self.seed,
+            "timesteps": self.algorithm.num_timesteps,
+            "training_seconds": round(time.monotonic() - self.begun, 1),
+            "train": settings.model_dump(mode="json"),
+        }
+        return TrainedPolicy(self.algorithm.policy, Normalization.of(self.env), description)
+
+    def _on_rollout_start(self) -> None:
+        now = time.monotonic()
+        if self.evaluate.is_due(self.algorithm.num_timesteps, self.evaluations):
+            self._evaluate()
+        if self.stop.number is not None:
+            self._keep(within=True)
+            raise TrainingInterruptedError(self.algorithm.num_timesteps, self.stop.number)
+        if now - self.saved >= self.checkpoint_seconds:
+            self._keep(within=True)
 
     def _on_step(self) -> bool:
+        self.episodes.add(self.locals["dones"], self.locals["infos"])
         now = time.monotonic()
-        if now - self._last < self.interval:
+        if now - self.shown < (1.0 if self.on_policy else 5.0):
             return True
-        self._last = now
-        episodes, successes = self.model.ep_info_buffer, self.model.ep_success_buffer
-        success = float(np.mean(successes)) if successes else float("nan")
-        if episodes:
-            mean_return, length = (float(np.mean([e[key] for e in episodes])) for key in ("r", "l"))
-            self.rows.append([now - self.begun, float(self.num_timesteps), success, mean_return, length])
-        if self.progress is not None:
-            self.progress(min(self.num_timesteps, self.total), self.total, success)
+        self.shown = now
+        means = self.episodes.means()
+        if means is not None:
+            self.rows.append([now - self.begun, float(self.num_timesteps), *means])
+        if self.report is not None:
+            total = self.settings.total_timesteps
+            self.report(min(self.num_timesteps, total), total, float("nan") if means is None else means[0])
         return True
+
+    def _evaluate(self) -> None:
+        """Add a point to the curve without noise; neither time nor random numbers of the training are spent."""
+        begun = time.monotonic()
+        kept = random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
+        row = self.evaluate(self.agent(), begun - self.begun, self.algorithm.num_timesteps)
+        self.evaluations.append(row)
+        random.setstate(kept[0])
+        np.random.set_state(kept[1])  # noqa: NPY002
+        torch.set_rng_state(kept[2])
+        self.begun += time.monotonic() - begun
+
+    def _keep(self, within: bool) -> None:
+        """Write a checkpoint and the curves.
+
+        Args:
+            within: a segment, else at its end.
+        """
+        model, env = self.algorithm, self.env
+        running = running_state(model, env) if within and self.on_policy else None
+        segment = self.segment + (within and running is None)
+        end = self.segment_end if running else None
+        seconds, episodes = time.monotonic() - self.begun, self.episodes.state()
+        write_curve(self.folder / CURVE, self.rows)
+        write_curve(self.folder / EVALUATIONS, self.evaluations)
+        so_far = Progressed(seconds, segment, end, self.rows, self.evaluations, episodes, running)
+        keep(self.folder / CHECKPOINT, self.described, model, env, so_far)
+        self.saved = time.monotonic()
 
 
 def train(
-    experiment: Experiment, seed: int, folder: Path, progress: Progress | None = None, resume: bool = True
+    experiment: Experiment,
+    seed: int,
+    folder: Path,
+    progress: Progress | None = None,
+    resume: bool = True,
+    checkpoint_seconds: float = 30.0,
 ) -> TrainedPolicy:
     """Train one agent, or go on with it, and save its policy in `folder`.
 
     Args:
         experiment: environment and settings.
         seed: of this agent; environments, networks and exploration all follow from it.
-        folder: gets checkpoint.pt, progress.csv, tensorboard/, and in the end policy.safetensors and policy.json.
+        folder: gets checkpoint.pt, progress.csv, evaluation.csv, tensorboard/, and in the end policy.safetensors and
+            policy.json.
         progress: called a few times a second.
         resume: go on from the checkpoint in the folder if there is one.
+        checkpoint_seconds: a checkpoint at least so often, beside those at the ends of segments.
 
     Raises:
         TrainingError: the checkpoint there is of another experiment or cannot be read.
+        TrainingInterruptedError: a signal asked to stop; a checkpoint is written.
     """
-    settings = experiment.train
+    torch.set_num_threads(experiment.train.threads)
+    training = _Training(experiment, seed, folder, progress, checkpoint_seconds)
+    model, total = training.algorithm, experiment.train.total_timesteps
     folder.mkdir(parents=True, exist_ok=True)
-    torch.set_num_threads(settings.threads)
-    env = _environment(experiment)
-    model = _model(experiment, env, seed)
-    described = {"env": experiment.env, "seed": seed, **settings.model_dump(mode="json")}
-    rows: list[list[float]] = []
-    seconds, segment = 0.0, 0
-    checkpoint = folder / CHECKPOINT
-    if resume and checkpoint.is_file():
-        seconds, segment, rows = _restore(checkpoint, described, model, env)
-    begun = time.monotonic() - seconds
+    if resume and (folder / CHECKPOINT).is_file():
+        training.resume()
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
-    total = settings.total_timesteps
     # SB3 tells a schedule the progress within one call of learn(); ours is over the whole training.
+    settings = experiment.train
     rate = (settings.ppo if settings.algorithm == "ppo" else settings.off_policy).learning_rate
     model.lr_schedule = lambda _: rate * max(1.0 - model.num_timesteps / total, 0.0)
-    while model.num_timesteps < total:
-        _reseed(model, env, seed, segment)
-        report = _Report(total, rows, begun, progress, 1.0 if settings.algorithm == "ppo" else 5.0)
-        amount = min(settings.segment_timesteps, total - model.num_timesteps)
-        model.learn(amount, callback=report, reset_num_timesteps=False, log_interval=10)
-        segment += 1
-        _write_curve(folder / CURVE, rows)
-        _keep(checkpoint, described, model, env, time.monotonic() - begun, segment, rows)
+    training.run()
     if progress is not None:
-        progress(total, total, rows[-1][2] if rows else float("nan"))
-    normalization = Normalization.of(env)
-    description = {
-        "env": experiment.env,
-        "algorithm": settings.algorithm,
-        "net_arch": settings.net_arch,
-        "activation": settings.activation,
-        "goal_error_scales": settings.goal_error_scales,
-        "goal_is_angles": settings.goal_is_angles,
-        "goal_scale": settings.goal_scale,
-        "model_hints": settings.model_hints,
-        "seed": seed,
-        "timesteps": model.num_timesteps,
-        "training_seconds": round(time.monotonic() - begun, 1),
-        "train": settings.model_dump(mode="json"),
-    }
-    save_policy(folder, model.policy, normalization, description)
-    env.close()
+        progress(total, total, training.evaluations[-1][2] if training.evaluations else float("nan"))
+    agent = training.agent()
+    save_policy(folder, agent)
+    training.env.close()
     model.policy.set_training_mode(False)
-    return TrainedPolicy(model.policy, normalization, description)
-
-
-def with_later_settings(before: dict[str, Any], described: dict[str, Any]) -> dict[str, Any]:
-    """Settings as they were recorded, completed by those that came later, which had their default then."""
-    later = {
-        key: field.get_default(call_default_factory=True)
-        for key, field in TrainConfig.model_fields.items()
-        if not field.is_required()
-    }
-    return {key: later[key] for key in described if key in later} | before
-
-
-def read_curve(path: Path) -> dict[str, np.ndarray]:
-    """The learning curve that `train` wrote: arrays by column, empty if there is none."""
-    if not path.is_file():
-        return {name: np.zeros(0) for name in CURVE_COLUMNS}
-    with path.open() as file:
-        rows = list(csv.DictReader(file))
-    return {name: np.array([float(row[name]) for row in rows]) for name in CURVE_COLUMNS}
+    return agent
 
 
 def _environment(experiment: Experiment) -> VecNormalize:
-    settings = experiment.train
+    settings, options = experiment.train, experiment.training_options
     if settings.algorithm == "ppo":
-        inner: Any = VectorEnvAdapter.make(experiment.env, settings.ppo.num_envs, stagger=True, **settings.env_options)
+        inner: Any = VectorEnvAdapter.make(experiment.env, settings.ppo.num_envs, stagger=True, **options)
     else:
-        inner = DummyVecEnv([lambda: gym.make(experiment.env, **settings.env_options)])
+        inner = DummyVecEnv([lambda: gym.make(experiment.env, **options)])
     if settings.model_hints:
-        inner = HintedVecEnv(inner, Hints(experiment.env))
+        inner = HintedVecEnv(inner, Hints(experiment.env, experiment.options))
     return VecNormalize(VecMonitor(inner), norm_obs_keys=["observation"], norm_reward=False)
 
 
@@ -219,76 +369,3 @@ def _reseed(model: BaseAlgorithm, env: VecNormalize, seed: int, segment: int) ->
     env.seed(seed * 1_000_000 + segment * env.num_envs)  # below VALIDATION_SEED
     model._last_obs = None  # learn() then resets the environments
     model.ep_info_buffer = model.ep_info_buffer or None
-
-
-def _keep(
-    path: Path,
-    described: dict[str, Any],
-    model: BaseAlgorithm,
-    env: VecNormalize,
-    seconds: float,
-    segment: int,
-    rows: list[list[float]],
-) -> None:
-    """Write the checkpoint, whole or not at all."""
-    assert isinstance(env.obs_rms, dict)
-    rms = env.obs_rms["observation"]
-    content = {
-        "described": described,
-        "parameters": model.get_parameters(),
-        "entropy": getattr(model, "log_ent_coef", None),
-        "normalization": {
-            "mean": torch.from_numpy(rms.mean),
-            "var": torch.from_numpy(rms.var),
-            "count": float(rms.count),
-        },
-        "num_timesteps": model.num_timesteps,
-        "updates": getattr(model, "_n_updates", 0),
-        "seconds": seconds,
-        "segment": segment,
-        "rows": rows,
-    }
-    part = path.with_name(path.name + ".part")
-    torch.save(content, part)
-    os.replace(part, path)
-
-
-def _restore(
-    path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNormalize
-) -> tuple[float, int, list[list[float]]]:
-    """Read a checkpoint into model and environment: (seconds, segment, learning curve so far)."""
-    try:
-        content = torch.load(path, weights_only=True)
-        before = with_later_settings(content["described"], described)
-    except Exception as error:
-        raise TrainingError(
-            f"{path} cannot be read as a checkpoint ({error}); delete it (or use --fresh) to start anew"
-        ) from error
-    if before != described:
-        changed = [key for key in described if before.get(key) != described[key]]
-        raise TrainingError(
-            f"{path} was written with other settings ({', '.join(changed)} differ): "
-            f"train into another folder, or delete it (or use --fresh) to start anew"
-        )
-    model.set_parameters(content["parameters"], exact_match=True)
-    if content["entropy"] is not None:
-        model.log_ent_coef.data.copy_(content["entropy"].data)  # type: ignore[attr-defined]
-    assert isinstance(env.obs_rms, dict)
-    rms = env.obs_rms["observation"]
-    saved = content["normalization"]
-    rms.mean, rms.var, rms.count = saved["mean"].numpy(), saved["var"].numpy(), saved["count"]
-    model.num_timesteps = content["num_timesteps"]
-    if hasattr(model, "_n_updates"):
-        model._n_updates = content["updates"]
-    if hasattr(model, "learning_starts"):  # the replay buffer fills anew
-        model.learning_starts += model.num_timesteps
-    return content["seconds"], content["segment"], content["rows"]
-
-
-def _write_curve(path: Path, rows: list[list[float]]) -> None:
-    part = path.with_name(path.name + ".part")
-    with part.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(CURVE_COLUMNS)
-        writer.writerows(rows)
-    os.replace(part, path)

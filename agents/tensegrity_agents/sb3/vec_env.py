@@ -8,6 +8,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv
 
+import tensegrity_envs  # noqa: F401  (registers the ids)
+
 
 class VectorEnvAdapter(VecEnv):
     """Steps the whole batch with one call; SB3's own wrappers (VecMonitor, VecNormalize) go around it.

@@ -6,6 +6,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.equilibrium import follow
 from tensegrity_envs.seeding import EpisodeStream
@@ -43,11 +44,7 @@ class Sampler:
 
     def __init__(self, arm: DualTriangle, control: DeltaControl, load_range: tuple[float, float] | None) -> None:
         self.arm, self.control = arm, control
-        low, high = load_range or (0.0, 0.0)
-        if not (0 <= low <= high and np.isfinite(high)):
-            raise ValueError(
-                f"load_range = {load_range!r}: must be (low, high) with 0 <= low <= high, in critical loads"
-            )
+        low, high = checked_range("load_range", load_range, "critical loads")
         self.load_range = (low, high)
         self.critical = float(arm.straight_critical_loads()[0])
 

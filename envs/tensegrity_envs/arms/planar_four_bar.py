@@ -1,6 +1,6 @@
 """The planar 4-bar mechanism as a reaching environment, loaded or not."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -211,11 +211,15 @@ class PlanarFourBarReach(Core):
         load = tuple(np.asarray(info["load"], float).T)
         return Episode(self._randomized(random), load, (), goal, self._solutions(goal, random["side"]))
 
+    def places(self, drawn: Drawn) -> Iterable[Any]:
+        """See `Core.places`."""
+        return list(self.nominal.nodes(drawn.configuration, drawn.inputs).values())
+
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""
         mechanism = self.mechanism(episode.design)
         forces = mechanism.member_forces(state.configuration, state.inputs, episode.load)
-        force, length = float(mechanism.largest_force), float(mechanism.length)
+        force = float(mechanism.largest_force)
         return {
             "nodes": mechanism.nodes(state.configuration, state.inputs),
             "members": mechanism.members,
@@ -224,5 +228,4 @@ class PlanarFourBarReach(Core):
             "base": ("A", "B"),
             "load": episode.load,
             "load_scale": 0.2 * force,
-            "reach": 2.0 * length,
         }

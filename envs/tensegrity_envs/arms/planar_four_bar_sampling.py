@@ -6,6 +6,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
+from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.equilibrium import follow
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.seeding import EpisodeStream
@@ -49,9 +50,7 @@ class Sampler:
         self, mechanism: PlanarFourBar, control: LoadedLengthControl, load_range: tuple[float, float] | None
     ) -> None:
         self.mechanism, self.control = mechanism, control
-        low, high = load_range or (0.0, 0.0)
-        if not (0 <= low <= high and np.isfinite(high)):
-            raise ValueError(f"load_range = {load_range!r}: must be (low, high) with 0 <= low <= high, in units of K L")
+        low, high = checked_range("load_range", load_range, "units of K L")
         self.load_range = (low, high)
         # What inverse solutions of targets have, which are told in single precision.
         self.safe_margin = 0.9 * (_LOADED_MARGIN if any(self.load_range) else _MARGIN)

@@ -176,6 +176,11 @@ class SpatialPrismTrack(Core):
         design = self._randomized(self.random_of(info))
         return Episode(design, load, (), goal, onset=onset, motion=motion, cycle=self.cycle)
 
+    @property
+    def frame(self) -> tuple[tuple[float, float], float]:
+        """See `Core.frame`; of the projection."""
+        return (0.0, 0.0), 0.95 * float(self.design.D)
+
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`; positions in space, which `picture` projects."""
         prism = self.mechanism(episode.design)
@@ -204,8 +209,8 @@ class SpatialPrismTrack(Core):
         if self.engine is not None:
             return replace(scene, curve=curve)
         return project(
-            replace(scene, reach=1.4 * float(self.design.D)),
+            scene,
             curve,
             faces=(("B1", "B2", "B3"), ("P1", "P2", "P3")),
-            centre=(0.0, 0.0, 0.75 * float(self.design.D)),
+            centre=(0.0, 0.0, 0.6 * float(self.design.D)),
         )

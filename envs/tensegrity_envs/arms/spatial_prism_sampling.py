@@ -6,6 +6,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES, SpatialPrism, SpatialPrismDesign
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.lengths import LengthControl
@@ -67,9 +68,7 @@ class Sampler:
             raise ValueError(f"trajectory = {trajectory!r}: must be one of {', '.join(map(repr, known))}")
         if isinstance(cycle, bool) or not isinstance(cycle, int) or cycle < 2:
             raise ValueError(f"cycle = {cycle!r}: must be an integer, at least 2 steps")
-        low, high = payload_range or (0.0, 0.0)
-        if not (0 <= low <= high and np.isfinite(high)):
-            raise ValueError(f"payload_range = {payload_range!r}: must be (low, high) with 0 <= low <= high, in kg")
+        low, high = checked_range("payload_range", payload_range, "kg")
         self.prism, self.control, self.trajectory = prism, control, trajectory
         self.cycle, self.payload_range = cycle, (low, high)
         self.size = float(prism.design.D) / 0.5  # the published trajectories and these ranges are for D = 0.5 m

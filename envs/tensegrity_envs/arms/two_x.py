@@ -78,7 +78,8 @@ class TwoXReach(Core):
         self.observe_velocities = observe_velocities
         applicable = {"stiffness", "mass", "payload", "actuation_delay", "tip_noise", "angle_noise"}
         applicable |= {"damping"} if backend == "mujoco" else set()
-        self.randomizable = frozenset(applicable)
+        takes_payload = control == "tension" and payload_range is None
+        self.randomizable = frozenset(applicable if takes_payload else applicable - {"payload"})
         self.randomization = Randomization.given(randomization, applicable, f"a {backend} 2-X arm")
         if self.randomization.payload is not None:
             if payload_range is not None:

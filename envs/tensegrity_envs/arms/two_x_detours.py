@@ -1,12 +1,11 @@
 """Lengths of ways between configurations of the plain 2-X that keep clear of singularities, from a table."""
 
 from functools import cache
-from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
+from tensegrity_envs.compiler.jit import Compiled
+from tensegrity_envs.compiler.lowering import Matrix, Table, Vector
 from tensegrity_envs.mechanics.two_x import TwoX, TwoXDesign
 
 _NODES = 40  # along each angle
@@ -22,6 +21,9 @@ class Detours:
     """
 
     def __init__(self, design: TwoXDesign) -> None:
+        from scipy.sparse import coo_array  # slow to import, and only needed here
+        from scipy.sparse.csgraph import dijkstra
+
         arm, n = TwoX(design), _NODES
         self._step = _FULL_TURN / n
         axis = np.arange(n) * self._step
@@ -52,18 +54,14 @@ class Detours:
         Interpolated between the nodes around q; corners from which no way is seen say nothing.
         """
         out = np.empty(q.shape[1])
-        _compiled()(self._lengths, self._step, self.longest, q, goal, out)
+        given = (np.ascontiguousarray(v, float) for v in (q, goal))
+        _shares(self._lengths, np.array([self._step, self.longest]), *given, out)
         return out
 
 
-@cache
-def _compiled() -> Any:
-    from numba import njit  # takes half a second to import
-
-    return njit(_shares, cache=True)
-
-
-def _shares(lengths: Any, step: float, longest: float, q: Any, goal: Any, out: Any) -> None:
+@Compiled
+def _shares(lengths: Table, scales: Vector, q: Matrix, goal: Matrix, out: Vector) -> None:
+    step, longest = scales[0], scales[1]
     for k in range(out.shape[0]):
         target = int(np.rint(goal[0, k] / step)) % _NODES * _NODES + int(np.rint(goal[1, k] / step)) % _NODES
         x, y = q[0, k] / step, q[1, k] / step

@@ -279,7 +279,7 @@ class TwoXPostureChange(Core):
         return Episode(self.design, (0.0, 0.0), (), goal)
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
-        """The arm without springs and cables, the tip position of the goal, and the way to the singularity."""
+        """The arm without springs and cables, the posture to be reached and its tip, and the way to the singularity."""
         arm = self.mechanism(episode.design)
         goal = tuple(2 * theta for theta in episode.goal)
         return {
@@ -288,6 +288,7 @@ class TwoXPostureChange(Core):
             "tensions": {},
             "tension_bounds": (0.0, 1.0),
             "target": arm.tip(goal),
+            "ghost": arm.nodes(goal),
             "tolerance": 0.02,
             "margins": {"det J": self.simulation.height(arm, state.configuration)},
         }

@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.equilibrium import follow
 from tensegrity_envs.mechanics.two_x import TwoX, TwoXDesign
 from tensegrity_envs.seeding import EpisodeStream
@@ -52,11 +52,11 @@ class Sampler:
     """
 
     def __init__(self, design: TwoXDesign, payload_range: tuple[float, float] | None = None) -> None:
+        from scipy import ndimage  # slow to import, and only needed here
+
         self.design = design
         self.payload_range = payload_range
-        low, high = payload_range or (design.payload, design.payload)
-        if not (0 <= low <= high and np.isfinite(high)):
-            raise ValueError(f"payload_range = {payload_range!r}: must be (low, high) with 0 <= low <= high, in kg")
+        low, high = checked_range("payload_range", payload_range, "kg", (float(design.payload), float(design.payload)))
         self._levels = np.linspace(low, high, _PAYLOAD_LEVELS if high > low else 1)
         axis = np.linspace(-design.joint_limit, design.joint_limit, _GRID)
         grid = tuple(np.meshgrid(axis, axis, indexing="ij"))

@@ -1,8 +1,13 @@
-"""Following a stable equilibrium along a path, for some arms at once. `kernel` turns this into machine code."""
+"""Following a stable equilibrium along a path, for some arms at once.
+
+`kernel` makes machine code of it, see `lowering`; as it stands it runs too, on NumPy's matrices.
+"""
 
 import math
 from collections.abc import Callable
 from typing import Any
+
+from tensegrity_envs.compiler.lowering import Matrix, Vector
 
 CONVERGED = 1e-6  # last Newton step [rad or m]; the error that it leaves is of the order of its square
 ITERATIONS = 6
@@ -12,6 +17,7 @@ CHANGE = 3.0  # the determinant of the Hessian changes at most by this factor, f
 ITERATIONS_OF_SUBSTEP = 3  # leave an error that the next sub-step corrects
 GOING_ON, FAILED, SOLVED = 0.0, 1.0, 2.0
 ALONE = 1  # column
+TOGETHER = 8  # columns of which a Newton step takes care at once: `loops.LANES`
 
 
 class Rows:
@@ -44,13 +50,12 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
         n: number of coordinates.
         compiled: decorator.
     """
-    # In calls int(...), since Numba would compile a function anew for each number that is written out.
     rows = Rows(n)
     PARAMETER, STEP, PIVOT, VOLUME = rows.parameter, rows.step, rows.pivot, rows.volume
     KNOWN_VOLUME, LONGEST, STATUS, KNOWN = rows.known_volume, rows.longest, rows.status, rows.known
 
     @compiled
-    def solve(c: Any, w: Any, count: int, iterations: int) -> None:
+    def solve(c: Vector, w: Matrix, count: int, iterations: int) -> None:
         """Newton's method inside a region where the energy is convex, from the known equilibria; fills the status.
 
         It fails at the first indefinite Hessian, the first long step, the first step that does not contract, or where
@@ -91,13 +96,13 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
                 w[STATUS, j] = SOLVED if iterations < ITERATIONS else FAILED
 
     @compiled
-    def substeps(c: Any, w: Any, resolution: float) -> None:
+    def substeps(c: Vector, w: Matrix, resolution: float) -> None:
         """Follow the equilibrium of the first column in sub-steps, shortened until Newton's steps contract."""
         t, length = 0.0, 0.5
         while t < 1.0 and length > resolution:
             ahead = min(t + length, 1.0)
             w[PARAMETER, 0] = ahead
-            solve(c, w, int(ALONE), int(ITERATIONS_OF_SUBSTEP))
+            solve(c, w, ALONE, ITERATIONS_OF_SUBSTEP)
             if w[STATUS, 0] == SOLVED:
                 t, w[KNOWN_VOLUME, 0] = ahead, w[VOLUME, 0]
                 for i in range(n):
@@ -106,13 +111,13 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
             else:
                 length *= 0.5
         w[PARAMETER, 0] = t
-        solve(c, w, int(ALONE), int(ITERATIONS))
+        solve(c, w, ALONE, ITERATIONS)
         if w[STATUS, 0] != SOLVED:
             for i in range(n):
                 w[i, 0] = w[KNOWN + i, 0]
 
     @compiled
-    def follow(c: Any, w: Any, alone: Any, count: int, resolution: float) -> None:
+    def follow(c: Vector, w: Matrix, alone: Matrix, count: int, resolution: float) -> None:
         """Follow the stable equilibria in the first rows from path parameter 0 to 1.
 
         One Newton solve for all at once; those whose steps do not contract from the start go on alone, in sub-steps.
@@ -135,7 +140,7 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
         for j in range(count):
             w[KNOWN_VOLUME, j] = w[VOLUME, j] if w[PIVOT, j] > 0.0 else math.nan  # of an unstable one nothing follows
             w[PARAMETER, j] = 1.0
-        solve(c, w, count, int(ITERATIONS))
+        solve(c, w, count, ITERATIONS)
         for j in range(count):
             if w[STATUS, j] == SOLVED:
                 continue
@@ -145,7 +150,8 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
                     w[i, j] = w[KNOWN + i, j]
                 continue
             for i in range(w.shape[0]):
-                alone[i, 0] = w[i, j]
+                for k in range(TOGETHER):
+                    alone[i, k] = w[i, j]
             substeps(c, alone, resolution)
             for i in range(n + 1):
                 w[i, j] = alone[i, 0]

@@ -64,7 +64,7 @@ def namespace_of(*components: Component) -> Any:
             continue
         if isinstance(component, np.ndarray):
             found = np
-        elif hasattr(kind, "namespace"):
+        elif hasattr(kind, "namespace"):  # a symbol, or a number of a traced function; both have the same one
             return kind.namespace
         elif is_tensor(component):
             return _torch_namespace()
@@ -73,14 +73,14 @@ def namespace_of(*components: Component) -> Any:
 
 def is_symbol(*components: Component) -> bool:
     """Whether any of the components is a symbol: the caller is being traced."""
-    return any(hasattr(type(component), "namespace") for component in components)
+    return any(hasattr(type(component), "graph") for component in components)
 
 
 def to_single(component: Component) -> Component:
     """A component rounded to single precision, as observations hold it; still of double type."""
     if isinstance(component, np.ndarray):
         return component.astype(np.float32).astype(float)
-    if is_symbol(component):
+    if hasattr(type(component), "namespace"):
         return namespace_of(component).single(component)
     return float(np.float32(component))
 
@@ -104,5 +104,7 @@ def as_components(values: Sequence[Any]) -> Components:
 
 
 def is_batch(*components: Component) -> bool:
-    """Whether any of the components is an array or a tensor."""
-    return namespace_of(*components) is not _SCALAR
+    """Whether any of the components is an array, a tensor or a symbol."""
+    return any(
+        is_symbol(c) or namespace_of(c) not in (_SCALAR, getattr(type(c), "namespace", None)) for c in components
+    )

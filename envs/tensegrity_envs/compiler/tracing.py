@@ -10,7 +10,10 @@ from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from tensegrity_envs.compiler.continuation import Rows
+from tensegrity_envs.compiler.numbers import Number, derived
 
 
 class Slot(NamedTuple):
@@ -33,18 +36,16 @@ class Op(NamedTuple):
 
     Attributes:
         name: of its result.
-        expression: on the names of other operations, of inputs and of constants.
-        arguments: those of them that are operations or inputs.
-        level: how many calls its value depends on, its own included.
-        is_call: whether it is a call, and not arithmetic.
+        code: what it does; see `loops`.
+        arguments: names of other operations, of inputs and of constants, or numbers as they are written.
+        level: how many paths have to be followed one after the other before its value is known.
         kind: of its result: "float", "int" or "bool".
     """
 
     name: str
-    expression: str
+    code: str
     arguments: tuple[str, ...]
     level: int
-    is_call: bool
     kind: str
 
 
@@ -56,17 +57,18 @@ class Graph:
         inputs: by name.
         stores: which values (names or numbers) the function leaves in which slots.
         captured: symbols of the parent that a path reads, by name, in rows from `first_captured` on.
-        constants: of the outermost function and its paths, by how they are written; c0, c1, ... are their names.
+        constants: of the outermost function and its paths, by where they come from; c0, c1, ... are their names.
         paths: that the function follows.
     """
 
     def __init__(self, parent: "Graph | None" = None, first_captured: int = 0) -> None:
         self.parent, self.first_captured = parent, first_captured
+        self.depth: int = parent.depth + 1 if parent else 0
         self.ops: list[Op] = []
         self.inputs: dict[str, Input] = {}
         self.stores: list[tuple[Slot, str]] = []
         self.captured: dict[str, Symbol] = {}
-        self.constants: dict[str, float] = {}
+        self.constants: dict[str, tuple[str, float]] = {}
         self.paths: list[Path] = []
         self._known: dict[Any, Symbol] = {}
 
@@ -83,15 +85,16 @@ class Graph:
             self._known[slot] = Symbol(self, name, kind, level)
         return self._known[slot]
 
-    def assign(
-        self, expression: str, arguments: Sequence["Symbol"], kind: str = "float", is_call: bool = False
-    ) -> "Symbol":
-        """The symbol of an expression, the same one for the same expression."""
-        if expression not in self._known:
-            name, level = f"v{len(self.ops)}", max((a.level for a in arguments), default=0) + is_call
-            self.ops.append(Op(name, expression, tuple(a.name for a in arguments), level, is_call, kind))
-            self._known[expression] = Symbol(self, name, kind, level)
-        return self._known[expression]
+    def assign(self, code: str, arguments: Sequence["Symbol | str"], kind: str = "float") -> "Symbol":
+        """The symbol of an operation, the same one for the same operation."""
+        names = tuple(map(str, arguments))
+        known = self._known.get((code, names))
+        if known is None:
+            name = f"v{len(self.ops)}"
+            level = max((a.level for a in arguments if isinstance(a, Symbol)), default=0)
+            self.ops.append(Op(name, code, names, level, kind))
+            known = self._known[code, names] = Symbol(self, name, kind, level)
+        return known
 
     def store(self, slot: Slot, value: Any) -> None:
         """Leave a symbol or a number in a slot."""
@@ -100,7 +103,7 @@ class Graph:
     def local(self, value: Any) -> "Symbol | str":
         """A symbol or a number as this graph can use it.
 
-        Floating-point constants become data, so that designs that differ in numbers only share their code.
+        Numbers of designs, loads and limits become data, so that kernels that differ in them only share their code.
         """
         if isinstance(value, Symbol):
             if value.graph is self:
@@ -109,12 +112,13 @@ class Graph:
             outer = self.parent.local(value)
             assert isinstance(outer, Symbol)
             self.captured[outer.name] = outer
-            return self.input(Slot("w", self.first_captured + list(self.captured).index(outer.name)))
-        if isinstance(value, bool | int):
-            return repr(value)
-        constants, number = self.root.constants, float(value)
-        constants[repr(number)] = number
-        return f"c{list(constants).index(repr(number))}"
+            return self.input(Slot("w", self.first_captured + list(self.captured).index(outer.name)), outer.kind)
+        if isinstance(value, Number):
+            constants = self.root.constants
+            if value.source not in constants:
+                constants[value.source] = (f"c{len(constants)}", float(value))
+            return constants[value.source][0]
+        return repr(value) if isinstance(value, bool | int) else repr(float(value))
 
 
 class Symbol:
@@ -134,66 +138,61 @@ class Symbol:
         raise TypeError("component code must not branch on a value: use xp.where")
 
     def __neg__(self) -> "Symbol":
-        return operation("-{}", self)
+        return operation("neg", self)
 
     def __abs__(self) -> "Symbol":
-        return operation("abs({})", self)
+        return operation("abs", self)
 
     def __invert__(self) -> "Symbol":
-        return operation("not {}", self, kind="bool")
+        return operation("not", self, kind="bool")
 
     def __pow__(self, power: float) -> "Symbol":
         if power == 0.5:
-            return operation("math.sqrt({})", self)
-        return operation("{} * {}", self, self) if power == 2 else operation("{} ** {}", self, power, is_call=True)
+            return operation("sqrt", self)
+        if isinstance(power, int) and 0 < power < 9:
+            product: Any = self
+            for _ in range(power - 1):
+                product = product * self
+            return product  # type: ignore[no-any-return]
+        return operation("pow", self, power)
 
 
-def _depth(graph: Graph) -> int:
-    return 1 + _depth(graph.parent) if graph.parent else 0
-
-
-def operation(template: str, *arguments: Any, kind: str = "float", is_call: bool = False) -> Symbol:
+def operation(code: str, *arguments: Any, kind: str = "float") -> Symbol:
     """An operation on symbols and numbers, placed as far out as its arguments allow."""
-    graph = max((a.graph for a in arguments if isinstance(a, Symbol)), key=_depth)
-    local = [graph.local(argument) for argument in arguments]
-    return graph.assign(template.format(*local), [a for a in local if isinstance(a, Symbol)], kind, is_call)
+    graph = None
+    for argument in arguments:
+        if isinstance(argument, Symbol) and (graph is None or argument.graph.depth > graph.depth):
+            graph = argument.graph
+    assert graph is not None
+    return graph.assign(code, [graph.local(argument) for argument in arguments], kind)
 
 
-def _operator(template: str, kind: str = "float", swapped: bool = False) -> Any:
+def _operator(code: str, kind: str = "float", swapped: bool = False) -> Any:
     if swapped:
-        return lambda a, b: operation(template, b, a, kind=kind)
-    return lambda a, b: operation(template, a, b, kind=kind)
+        return lambda a, b: operation(code, b, a, kind=kind)
+    return lambda a, b: operation(code, a, b, kind=kind)
 
 
-for _name, _sign in (("add", "+"), ("sub", "-"), ("mul", "*"), ("truediv", "/")):
-    setattr(Symbol, f"__{_name}__", _operator(f"{{}} {_sign} {{}}"))
-    setattr(Symbol, f"__r{_name}__", _operator(f"{{}} {_sign} {{}}", swapped=True))
-for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="), ("ne", "!=")):
-    setattr(Symbol, f"__{_name}__", _operator(f"{{}} {_sign} {{}}", "bool"))
-for _name, _sign in (("and", "&"), ("or", "|")):
-    setattr(Symbol, f"__{_name}__", _operator(f"{{}} {_sign} {{}}", "bool"))
-    setattr(Symbol, f"__r{_name}__", _operator(f"{{}} {_sign} {{}}", "bool"))
+for _name in ("add", "sub", "mul", "truediv"):
+    setattr(Symbol, f"__{_name}__", _operator(_name))
+    setattr(Symbol, f"__r{_name}__", _operator(_name, swapped=True))
+for _name in ("lt", "le", "gt", "ge", "eq", "ne"):
+    setattr(Symbol, f"__{_name}__", _operator(_name, "bool"))
+for _name in ("and", "or"):
+    setattr(Symbol, f"__{_name}__", _operator(_name, "bool"))
+    setattr(Symbol, f"__r{_name}__", _operator(_name, "bool"))
 Symbol.__hash__ = object.__hash__  # type: ignore[method-assign]
 
 
-def _function(template: str, of_floats: Callable[..., Any], kind: str = "float", is_call: bool = False) -> Any:
+def _function(code: str, of_floats: Callable[..., Any], kind: str = "float") -> Any:
     """A function that still takes plain numbers, with which it is evaluated while tracing."""
 
     def call(*arguments: Any) -> Any:
         if any(isinstance(argument, Symbol) for argument in arguments):
-            return operation(template, *arguments, kind=kind, is_call=is_call)
+            return operation(code, *arguments, kind=kind)
+        if any(isinstance(argument, Number) for argument in arguments):
+            return derived(code, of_floats, *arguments)
         return of_floats(*arguments)
-
-    return call
-
-
-def _one_of(template: str, index: int, of_floats: Callable[..., Any]) -> Any:
-    """As `_function`, one of the results of a function that has several."""
-
-    def call(argument: Any) -> Any:
-        if isinstance(argument, Symbol):
-            return operation(f"{{}}[{index}]", operation(template, argument))
-        return of_floats(argument)
 
     return call
 
@@ -202,29 +201,26 @@ def _where(condition: Any, a: Any, b: Any) -> Any:
     if not isinstance(condition, Symbol):
         return a if condition else b
     kinds = {value.kind if isinstance(value, Symbol) else type(value).__name__ for value in (a, b)}
-    return operation(
-        "{1} if {0} else {2}",
-        condition,
-        a,
-        b,
-        kind=kinds.pop() if len(kinds) == 1 and "float" not in kinds else "float",
-    )
+    kind = kinds.pop() if len(kinds) == 1 and kinds <= {"int", "bool"} else "float"
+    return operation("where", condition, a, b, kind=kind)
 
 
 NAMESPACE = SimpleNamespace(
-    sin=_one_of("sine_and_cosine({})", 0, math.sin),
-    cos=_one_of("sine_and_cosine({})", 1, math.cos),
-    sqrt=_function("math.sqrt({})", math.sqrt),
-    atan2=_function("math.atan2({}, {})", math.atan2, is_call=True),
+    sin=_function("sine", math.sin),
+    cos=_function("cosine", math.cos),
+    sqrt=_function("sqrt", math.sqrt),
+    atan2=_function("atan2", math.atan2),
     # No lengths here are so large or small that their squares are not numbers.
-    hypot=_function("math.sqrt({0} * {0} + {1} * {1})", math.hypot),
-    minimum=_function("min({}, {})", min),
-    maximum=_function("max({}, {})", max),
+    hypot=_function("hypot", math.hypot),
+    minimum=_function("min", min),
+    maximum=_function("max", max),
     where=_where,
-    isfinite=_function("math.isfinite({})", math.isfinite, "bool"),
-    single=_function("np.float64(np.float32({}))", lambda value: value),
+    copysign=_function("copysign", math.copysign),
+    isfinite=_function("isfinite", math.isfinite, "bool"),
+    single=_function("single", lambda value: float(np.float32(value))),
 )
 Symbol.namespace = NAMESPACE  # type: ignore[attr-defined]
+Number.namespace = NAMESPACE  # type: ignore[attr-defined]
 
 
 class Path:

@@ -173,7 +173,7 @@ def _settle_tensors(statics: ParametricStatics, start: Components, parameters: A
 
     The step is zero but for rounding, and its derivative -H^-1 dg/dp is that of the equilibrium.
     """
-    begin, given = tree_map((start, parameters), is_tensor, detached)
+    begin, given = tree_map(detached, (start, parameters), is_tensor)
     found = settle(statics, begin, given, limit)
     like = next(tree_leaves((start, parameters), is_tensor))
     q = tuple(like.new_tensor(np.asarray(angle)) for angle in found.configuration)

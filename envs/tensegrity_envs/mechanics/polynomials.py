@@ -1,9 +1,9 @@
 """All real roots of many polynomials."""
 
-from functools import cache
-from typing import Any
-
 import numpy as np
+
+from tensegrity_envs.compiler.jit import Compiled
+from tensegrity_envs.compiler.lowering import Booleans, Matrix
 
 _NEAR = 1e-2  # roots closer together than this all but coincide
 
@@ -40,7 +40,7 @@ def real_roots(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n, size = coefficients.shape
     out = np.full((n, size), np.nan)
     delicate = np.zeros(n, bool)
-    _compiled()(np.ascontiguousarray(coefficients), out, delicate)
+    _roots(np.ascontiguousarray(coefficients, float), out, delicate)
     if delicate.any():
         some = coefficients[delicate]
         companion = np.zeros((len(some), size - 1, size - 1))
@@ -54,15 +54,9 @@ def real_roots(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return owner, out[owner, column]
 
 
-@cache
-def _compiled() -> Any:
-    from numba import njit  # takes half a second to import
-
-    return njit(_roots, error_model="numpy", cache=True)
-
-
-def _roots(coefficients: Any, out: Any, delicate: Any) -> None:
-    n, size = coefficients.shape
+@Compiled
+def _roots(coefficients: Matrix, out: Matrix, delicate: Booleans) -> None:
+    n, size = coefficients.shape[0], coefficients.shape[1]
     degree = size - 1
     p = np.zeros((size, size))  # p[k] is the derivative of degree k
     points, found = np.empty(size + 1), np.empty(size)

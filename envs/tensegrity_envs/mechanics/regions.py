@@ -14,7 +14,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from contourpy import FillType, contour_generator
 
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.roots import bracketed_roots, hidden_sign_changes
@@ -430,6 +429,8 @@ class _Curves:
 
 def _outlines(margin: np.ndarray) -> tuple[list[np.ndarray], list[int]]:
     """Rings of crossed grid edges' middles, in cells, outer ones before their holes; and rings of each component."""
+    from contourpy import FillType, contour_generator  # slow to import, and only needed here
+
     # Only signs count: every crossing is then at the middle of a grid edge. A rim of outside closes the curves.
     signs = np.full((margin.shape[0] + 2, margin.shape[1] + 2), -1.0)
     signs[1:-1, 1:-1] = np.where(margin > 0, 1.0, -1.0)

@@ -14,10 +14,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-import shapely
-from scipy.ndimage import maximum_filter
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components, dijkstra
 
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.overlay import winding_numbers
@@ -150,6 +146,8 @@ def nodes(mechanism: Planar, curves: Sequence[np.ndarray], f: Scalar | None = No
     Args:
         mechanism, curves, f: see `cusps`.
     """
+    import shapely  # slow to import, and only needed here
+
     f = f or mechanism.singularity
     if not curves:
         return []
@@ -239,6 +237,8 @@ class _Grid:
 
 
 def _grid(f: Scalar, limit: float, period: float | None, resolution: int) -> _Grid:
+    from scipy.ndimage import maximum_filter  # slow to import, and only needed here
+
     axis: np.ndarray = np.linspace(-limit, limit, resolution)
     if period is not None:
         axis = -period / 2 + period / resolution * (np.arange(resolution) + 0.5)
@@ -284,6 +284,9 @@ def aspects(mechanism: Planar, limit: float, period: float | None = None, resolu
 
     Aspects with less than a thousandth of the joint space are left out: next to a singularity the grid cannot tell.
     """
+    from scipy.sparse import coo_array  # slow to import, and only needed here
+    from scipy.sparse.csgraph import connected_components
+
     grid = _grid(mechanism.singularity, limit, period, resolution)
     first, second, _ = grid.edges()
     n = grid.values.size
@@ -390,6 +393,9 @@ def posture_change(
 
 def _way(f: Scalar, ends: list[np.ndarray], grid: _Grid) -> np.ndarray | None:
     """The cheapest way over nodes of the grid where f > 0, ends included; None where there is none."""
+    from scipy.sparse import coo_array  # slow to import, and only needed here
+    from scipy.sparse.csgraph import dijkstra
+
     leads = [_climb(f, q, grid) for q in ends]
     start, goal = (_nearest(f, lead[-1], grid) for lead in leads)
     if start is None or goal is None:

@@ -43,6 +43,12 @@ class FourBarSkeleton:
         theta, gamma = q
         return alpha - _QUARTER, _QUARTER - beta, 2 * _QUARTER - theta - alpha, gamma + beta - 2 * _QUARTER
 
+    def at_rest(self) -> tuple[Components, Components]:
+        """A stable pose without load, and its lengths: those of 1.2 bars."""
+        lengths = (1.2 * self.design.length,) * 2
+        stable = next(state for state in self.mechanism.equilibria(lengths) if state.is_stable)
+        return self.coordinates(stable.configuration, lengths), lengths
+
     def base_angles(self, turns: Components) -> tuple[Component, Component]:
         """(alpha, beta) [rad]."""
         return turns[0] + _QUARTER, _QUARTER - turns[1]
@@ -109,6 +115,11 @@ class PrismSkeleton:
     def nodes(self, q: Components) -> dict[str, Components]:
         """See `SpatialPrism.nodes`."""
         return self.mechanism.nodes(q)
+
+    def at_rest(self) -> tuple[Components, Components]:
+        """A stable pose without load, and its lengths: level, as high as the base is wide."""
+        place = (0.0, 0.0, float(self.design.D))
+        return (*place, 0.0, 0.0, 0.0), self.mechanism.inverse_kinematics(place)
 
 
 def skeleton_of(mechanism: Any) -> Any:

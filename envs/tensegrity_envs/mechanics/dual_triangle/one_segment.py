@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 if TYPE_CHECKING:
     from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment
@@ -99,6 +98,8 @@ def _halved(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def roots(segment: DualTriangleSegment, free_lengths: tuple[float, float], moment: float) -> list[float]:
     """All angles strictly inside the joint limits at which torque + moment = 0, ascending [rad]."""
+    from scipy.optimize import brentq  # slow to import, and only needed here
+
     limit = float(segment.design.joint_limit)
     size = segment.stiffness_scale + abs(moment)
 
@@ -187,6 +188,8 @@ def is_monotone(segment: DualTriangleSegment, free_lengths: tuple[float, float])
 
 def control_limit(segment: DualTriangleSegment) -> float:
     """See `DualTriangleSegment.control_limit`."""
+    from scipy.optimize import brentq  # slow to import, and only needed here
+
     limit = float(segment.design.joint_limit)
     least, most = (float(value) for value in segment.delta_range)
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from tensegrity_envs.mechanics.planar_four_bar.mechanism import PlanarFourBar
 
 _SAMPLES = 181  # of alpha
+_TOUCHING = 1e-14  # squares of half chords, in L^2: rounding
 _ON_BASE = 1e-9  # C and D may be so far below the base, in L: rounding
 
 
@@ -75,13 +76,19 @@ class Pivots(NamedTuple):
     exists: np.ndarray
 
 
+def _root(square: np.ndarray) -> np.ndarray:
+    """A square root, 0 where rounding has made the square of circles that touch negative; NaN where they are apart."""
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(np.where((square < 0) & (square > -_TOUCHING), 0.0, square))
+
+
 def pivots(mechanism: PlanarFourBar, x: np.ndarray, y: np.ndarray) -> Pivots:
     """Where C can be for targets x, y of shape (n,) [m]."""
     l = mechanism.length
     dx, dy = x - l, y
     distance = np.hypot(dx, dy)
     with np.errstate(divide="ignore", invalid="ignore"):
-        bow = np.sqrt(l * l / distance**2 - 0.25)
+        bow = _root(l * l / distance**2 - 0.25)
     sign = np.array([[1.0], [-1.0]])
     cx, cy = l + dx / 2 - sign * bow * dy, dy / 2 + sign * bow * dx
     exists = np.isfinite(bow) & (cy >= -_ON_BASE * l)
@@ -107,7 +114,7 @@ def rectangles(mechanism: PlanarFourBar, x: np.ndarray, y: np.ndarray) -> tuple[
     square = mx * mx + my * my
     with np.errstate(divide="ignore", invalid="ignore"):
         along = (square + 0.75 * l * l) / (2 * square)
-        bow = np.sqrt(l * l / square - along * along)
+        bow = _root(l * l / square - along * along)
     sign = np.array([[1.0], [-1.0], [1.0], [-1.0]])
     dx, dy = along * mx - sign * bow * my, along * my + sign * bow * mx
     exists = exists & np.isfinite(bow) & (dy >= -_ON_BASE * l)
@@ -236,8 +243,10 @@ def _unloaded(mechanism: PlanarFourBar, x: float, y: float) -> list[Found]:
         ex, ey = math.cos(gamma), math.sin(gamma)
         middle = -(cx * ex + cy * ey)
         square = middle * middle - (cx * cx + cy * cy - l * l)
-        for sign in (1, -1) if square > 0 else ():
-            s = middle + sign * math.sqrt(square)  # of D along the line from C
+        half = l * float(_root(np.array(square / (l * l))))
+        for s in (
+            sorted({middle + half, middle - half}, reverse=True) if half >= 0 else ()
+        ):  # of D along the line from C
             dx, dy = cx + s * ex, cy + s * ey
             if dy < -_ON_BASE * l:
                 continue

@@ -41,8 +41,14 @@ def input_members(members: tuple[Member, ...]) -> list[Member]:
     return [member for member in members if member.kind in ("cable", "actuator") or member.is_input]
 
 
-def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics) -> mujoco.MjSpec:
+def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics, textures: bool = True) -> mujoco.MjSpec:
     """The specification of the model: bodies, hinges, loops, tendons, actuators, and what makes a good picture.
+
+    Args:
+        mechanism: of one design, or its skeleton.
+        linkage: of it.
+        dynamics: what it does not tell.
+        textures: of wall and sky, 0.8 MB in each model; what is only simulated needs none.
 
     Raises:
         ValueError: prismatic actuators are to lag, or are too fast for the time step.
@@ -54,12 +60,12 @@ def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics) -> mu
     payload = getattr(design, "payload", None)
     _set_options(spec, dynamics, getattr(design, "gravity", 0.0))
     radius = max((m.radius for m in members if m.kind == "bar"), default=0.0) or 0.008 * linkage.extent
-    _add_looks(spec, linkage.extent)
+    _add_looks(spec, linkage.extent, textures)
     if isinstance(linkage, Platform):
-        add_view(spec, linkage.extent)
+        add_view(spec, linkage.extent, textures)
         bodies = add_platform(spec, linkage, dynamics, radius)
     else:
-        _add_surroundings(spec, linkage.extent)
+        _add_surroundings(spec, linkage.extent, textures)
         bodies = _add_bodies(spec, linkage, dynamics, radius)
     tip = bodies[linkage.owner("P")].add_body(name=TIP_BODY, pos=_point(linkage.local("P", linkage.owner("P"))))
     # A weld, so that forces applied to it act at P and a point mass has its weight there.
@@ -94,7 +100,7 @@ def _set_options(spec: mujoco.MjSpec, dynamics: Dynamics, gravity: float) -> Non
     option.disableflags = int(off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET | off.mjDSBL_ISLAND)
 
 
-def _add_looks(spec: mujoco.MjSpec, length: float) -> None:
+def _add_looks(spec: mujoco.MjSpec, length: float, textures: bool) -> None:
     """Materials, and how pictures are made."""
     spec.stat.extent = length
     spec.stat.center = [0.0, 0.0, 0.0]
@@ -108,6 +114,9 @@ def _add_looks(spec: mujoco.MjSpec, length: float) -> None:
     spec.visual.map.znear, spec.visual.map.zfar = 0.01, 50.0
     for name, rgba in _COLOURS.items():
         spec.add_material(name=name, rgba=rgba, specular=0.5, shininess=0.6)
+    wall = spec.add_material(name="wall", texrepeat=[8, 8], specular=0.05, shininess=0.1)
+    if not textures:
+        return
     spec.add_texture(
         name="wall",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
@@ -117,26 +126,27 @@ def _add_looks(spec: mujoco.MjSpec, length: float) -> None:
         width=512,
         height=512,
     )
-    wall = spec.add_material(name="wall", texrepeat=[8, 8], specular=0.05, shininess=0.1)
     wall.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "wall"
 
 
-def _add_surroundings(spec: mujoco.MjSpec, length: float) -> None:
-    """Light, a wall behind and a camera in front of the plane of the mechanism."""
+def _add_surroundings(spec: mujoco.MjSpec, length: float, textures: bool) -> None:
+    """Sky, light, and a camera in front of the plane of the mechanism, which is upright: the ground is far below."""
     world = spec.worldbody
-    add_picture(
-        world,
-        mujoco.mjtGeom.mjGEOM_PLANE,
-        "wall",
-        pos=[0.0, 0.22 * length, 0.0],
-        zaxis=[0.0, -1.0, 0.0],
-        size=[4 * length, 4 * length, 0.1],
-    )
+    if textures:
+        spec.add_texture(
+            name="sky",
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+            rgb1=[0.90, 0.93, 0.96],
+            rgb2=[0.70, 0.75, 0.81],
+            width=256,
+            height=256,
+        )
     world.add_light(
         pos=[-0.8 * length, -2.2 * length, 1.8 * length],
         dir=[0.35, 1.0, -0.75],
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        castshadow=True,
+        castshadow=False,
         diffuse=[0.42, 0.42, 0.42],
         specular=[0.3, 0.3, 0.3],
     )

@@ -54,18 +54,19 @@ def add_platform(spec: mujoco.MjSpec, platform: Platform, dynamics: Dynamics, ra
     return [world, body]
 
 
-def add_view(spec: mujoco.MjSpec, length: float) -> None:
+def add_view(spec: mujoco.MjSpec, length: float, textures: bool) -> None:
     """Ground, sky, light, and a camera that looks down at an angle."""
     world = spec.worldbody
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-        rgb1=[0.80, 0.84, 0.89],
-        rgb2=[0.80, 0.84, 0.89],
-        width=64,
-        height=64,
-    )
+    if textures:
+        spec.add_texture(
+            name="sky",
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+            rgb1=[0.80, 0.84, 0.89],
+            rgb2=[0.80, 0.84, 0.89],
+            width=64,
+            height=64,
+        )
     add_picture(
         world, mujoco.mjtGeom.mjGEOM_PLANE, "wall", pos=[0.0, 0.0, -0.03 * length], size=[8 * length, 8 * length, 0.1]
     )

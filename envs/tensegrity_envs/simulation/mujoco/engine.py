@@ -1,7 +1,7 @@
 """MuJoCo as the engine of an environment: matrices with one column for each environment."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from tensegrity_envs.simulation.dynamic import Motion
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.mujoco.model import MujocoModel
 
-_MODELS_KEPT = 4096  # of other parameters, about 30 kB each
 _FOR_A_THREAD = 8  # environments that are worth one
 
 
@@ -33,10 +32,14 @@ class Engine:
         self.model = MujocoModel(mechanism, dynamics)
         self.joints = self.model.linkage.size
         self.physics_size = self.model.state_size
-        self._models: dict[tuple[float, ...], Any] = {}
+        self._models: dict[tuple[float, ...], Any] = {}  # of the running episodes
         row = np.zeros(1)
         self.motions = Schema(Motion((row,) * self.joints, (row,) * self.joints, (row,) * self.physics_size, row, row))
         self._cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the models of other parameters, which are made when they are needed."""
+        return vars(self) | {"_models": {}}
 
     def begin(self, q: np.ndarray, actuation: np.ndarray) -> np.ndarray:
         """States of arms at rest, shape (physics size, n).
@@ -57,7 +60,7 @@ class Engine:
             physics: shape (physics size, n).
             actuation: tensions [N], free or actuator lengths [m], shape (inputs, n).
             loads: at the tip [N], shape (2, n), in space (3, n).
-            models: of every environment, from `model_of`; None for the nominal one.
+            models: of every environment, from `models_of`; None for the nominal one.
         """
         model, n = self.model, physics.shape[1]
         if n == 1:
@@ -75,15 +78,19 @@ class Engine:
         parts = (model.configuration(states), model.velocity(states), states)
         return np.concatenate([*(part.T for part in parts), diverged[None], error[None]])
 
-    def model_of(self, key: tuple[float, ...], parameters: Callable[[], tuple[Any, Dynamics]]) -> Any:
-        """MuJoCo's model of other parameters, from memory or made now.
+    def models_of(
+        self, keys: Sequence[tuple[float, ...]], parameters: Callable[[int], tuple[Any, Dynamics]]
+    ) -> list[Any]:
+        """MuJoCo's model of every environment's parameters; those of the call before are used again.
+
+        Others are let go: an episode's parameters hardly ever come back, and a model has 18 to 50 kB.
 
         Args:
-            key: tells parameters apart.
-            parameters: gives mechanism and dynamics.
+            keys: tell parameters apart.
+            parameters: gives mechanism and dynamics of the environment with that number.
         """
-        if key not in self._models:
-            if len(self._models) >= _MODELS_KEPT:
-                del self._models[next(iter(self._models))]
-            self._models[key] = self.model.variant(*parameters())
-        return self._models[key]
+        before, self._models = self._models, {}
+        for i, key in enumerate(keys):
+            if key not in self._models:
+                self._models[key] = before[key] if key in before else self.model.variant(*parameters(i))
+        return [self._models[key] for key in keys]

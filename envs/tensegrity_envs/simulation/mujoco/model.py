@@ -8,7 +8,9 @@ import mujoco
 import numpy as np
 
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
-from tensegrity_envs.simulation.mujoco.simulator import FASTEST, RolloutResult, Simulator, without_log
+from tensegrity_envs.simulation.mujoco.exporting import write_mjcf
+from tensegrity_envs.simulation.mujoco.processes import without_log
+from tensegrity_envs.simulation.mujoco.simulator import FASTEST, RolloutResult, Simulator
 from tensegrity_envs.simulation.mujoco.variants import variant_of
 
 __all__ = ["MujocoModel", "RolloutResult", "Settled"]
@@ -187,26 +189,18 @@ class MujocoModel(Simulator):
         """Write the model as an MJCF file, for `python -m mujoco.viewer --mjcf=...`, whose sliders are the inputs (of
         prismatic actuators: their speeds).
 
+        A plain load rests: where controls of zero, which saturate at the lowest inputs, hold the arm; with prismatic
+        actuators, in q, or else in the pose of `skeleton.at_rest`, from which on activations count the lengths.
+
         Args:
             path: of the file.
-            q: configuration of its key frame "start" [rad]; None for no key frame (the viewer begins at q = 0, with the
-                inputs at their lower bounds).
-            inputs: of the key frame; None for the lower bounds.
+            q: configuration of its key frame "start" [rad]; None for no key frame.
+            inputs: of the key frame; None for the lower bounds, with prismatic actuators for the lengths in q.
 
         Returns:
             The path.
         """
-        spec = self.spec.copy()
-        if q is not None:
-            ctrl = self.input_bounds[0] if inputs is None else self._check_inputs(inputs)
-            state = self.state(np.asarray(q, float).reshape(-1), None, ctrl)
-            act = ctrl if self.model.na else []
-            controls = np.zeros(self.input_size) if self._is_ramped else ctrl
-            spec.add_key(name="start", qpos=state[self._angles], ctrl=controls, act=act)
-        spec.compile()
-        path = Path(path)
-        path.write_text(spec.to_xml())
-        return path
+        return write_mjcf(self, Path(path), q, inputs)
 
 
 def _first_column(values: Any) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Pictures of the dynamic simulations by MuJoCo itself: offscreen, or in its viewer."""
 
+import math
 import threading
-from copy import copy
 from typing import Any
 
 import mujoco
@@ -25,11 +25,19 @@ class Pictures:
 
     def __init__(self, model: MujocoModel) -> None:
         self._owner = model
-        self._model = copy(model.model)
+        self._model = model.spec.compile()
         self._data = mujoco.MjData(self._model)
         self._renderers: dict[tuple[tuple[int, int], bool], Any] = {}
         self._viewer: Any = None
         self._threads: set[threading.Thread] = set()
+
+    def __getstate__(self) -> MujocoModel:
+        """The mechanism alone: windows and GL contexts belong to their process, and open anew when they are needed."""
+        return self._owner
+
+    def __setstate__(self, model: MujocoModel) -> None:
+        """Begin anew."""
+        self.__init__(model)  # type: ignore[misc]
 
     def rgb(self, physics: np.ndarray, scene: Scene, size: tuple[int, int]) -> np.ndarray:
         """The picture of this width and height, shape (height, width, 3), uint8.
@@ -109,6 +117,10 @@ class Pictures:
 
     def _pose(self, physics: np.ndarray, scene: Scene) -> None:
         model, data = self._model, self._data
+        if len(scene.tip) == 2:  # the frame of the drawings; the camera of the model's file shows all that is possible
+            camera = model.camera("front")
+            away = scene.reach / math.tan(math.radians(camera.fovy[0]) / 2)
+            camera.pos[:] = scene.centre[0], -away, scene.centre[1]
         data.qpos[:] = self._owner.joint_angles(physics)
         mujoco.mj_forward(model, data)
         for member in scene.members:

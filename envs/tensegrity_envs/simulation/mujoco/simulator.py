@@ -7,44 +7,27 @@ command within a step. Many simulations are rows: arrays of shape (m, ...). A st
 joint angles, their rates, actuator states) from which the simulation goes on, to the bit, wherever it is put.
 """
 
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from copy import copy, deepcopy
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from mujoco.rollout import Rollout
 
 from tensegrity_envs.simulation.mujoco.building import TIP_BODY, build, input_members
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.mujoco.linkage import Linkage
 from tensegrity_envs.simulation.mujoco.platform import Platform
+from tensegrity_envs.simulation.mujoco.processes import Pools, without_log
 from tensegrity_envs.simulation.skeleton import PrismSkeleton, skeleton_of
 
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
+_WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION
 _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 _WARNING = mujoco.mjtWarning
 _DIVERGED = tuple(int(w) for w in (_WARNING.mjWARN_BADQPOS, _WARNING.mjWARN_BADQVEL, _WARNING.mjWARN_BADQACC))
 _RAMPED = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
 FASTEST = 1e6  # [rad/s]: joints of a real arm are far slower; faster has diverged
-
-
-def _note(message: str) -> None:
-    """What MuJoCo warns of, but for divergence, which is told in another way."""
-    if "unstable" not in message:
-        sys.stderr.write(f"MuJoCo: {message}\n")
-
-
-@contextmanager
-def without_log() -> Iterator[None]:
-    """Keep MuJoCo from writing its warnings of divergence to the terminal and to MUJOCO_LOG.TXT."""
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(_note)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(before)
 
 
 class RolloutResult(NamedTuple):
@@ -73,8 +56,7 @@ class Simulator:
     Attributes:
         skeleton: what of the mechanism moves; its coordinates are the configurations.
         linkage: its bodies, hinges and loops.
-        spec: the MjSpec.
-        model: the MjModel.
+        model: the MjModel, without the textures of pictures.
         data: the MjData of `reset` and `step`.
         state_size: numbers in a state.
         input_size: numbers in an input.
@@ -91,8 +73,7 @@ class Simulator:
                 f"Dynamics.timestep = {self.dynamics.timestep!r}: must be 0.001 s or less for a mechanism with loops, "
                 "whose joint limits cannot keep them assembled otherwise"
             )
-        self.spec = build(self.skeleton, self.linkage, self.dynamics)
-        self.model = self.spec.compile()
+        self.model = build(self.skeleton, self.linkage, self.dynamics, textures=False).compile()
         self.data = mujoco.MjData(self.model)
         self._scratch = mujoco.MjData(self.model)
         names = [self.model.joint(i).name for i in range(self.model.njnt)]
@@ -113,8 +94,44 @@ class Simulator:
         self._axes = [0, 2] if self.linkage.space == 2 else [0, 1, 2]  # of MuJoCo, of the mechanism's positions
         self._load_columns = [tip + i for i in self._axes]  # of a control: the inputs, then 6 numbers for every body
         self._control_size = self.input_size + 6 * int(self.model.nbody)
-        self._pools: dict[int, tuple[Rollout, list[Any]]] = {}
+        self._pools = Pools()
         self.reset(np.zeros(self.linkage.size))
+
+    @property
+    def spec(self) -> mujoco.MjSpec:
+        """A new MjSpec of the model, with what makes a good picture."""
+        return build(self.skeleton, self.linkage, self.dynamics)
+
+    # ------------------------------------------------------------------------------------------------------ copies
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but MuJoCo's data, of which the whole state is kept: they have 14 MB."""
+        rest = {name: value for name, value in vars(self).items() if name not in ("data", "_scratch")}
+        return rest | {"_kept": self._whole_state()}
+
+    def __setstate__(self, given: dict[str, Any]) -> None:
+        """Go on from that state, to the bit."""
+        state = given.pop("_kept")
+        vars(self).update(given)
+        self.data, self._scratch = mujoco.MjData(self.model), mujoco.MjData(self.model)
+        mujoco.mj_setState(self.model, self.data, state, int(_WHOLE))
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Simulator":
+        """A copy with its own model, data and threads; the mechanism and what follows from it never change."""
+        other: Simulator = object.__new__(type(self))
+        memo[id(self)] = other
+        other.__setstate__(self.__getstate__() | {"model": copy(self.model), "_pools": Pools()})
+        return other
+
+    def __copy__(self) -> "Simulator":
+        """The same: two simulations on one set of data would be one."""
+        return deepcopy(self)
+
+    def _whole_state(self) -> np.ndarray:
+        state = np.empty(mujoco.mj_stateSize(self.model, int(_WHOLE)))
+        mujoco.mj_getState(self.model, self.data, state, int(_WHOLE))
+        return state
 
     # ----------------------------------------------------------------------------------------------------- checking
 
@@ -319,7 +336,7 @@ class Simulator:
         control[:, 0, self._load_columns] = self._check_load(loads)
         if models is not None and len(models) != m:
             raise ValueError(f"{len(models)} models for {m} states: must be one for each")
-        pool, data = self._pool(nthread)
+        pool, data = self._pools.of(self.model, nthread)
         found = np.empty((m, steps, self.state_size))
         with without_log():
             pool.rollout(
@@ -337,14 +354,6 @@ class Simulator:
         diverged = late | ~(abs(after[:, self._rates]) < FASTEST).all(axis=1)
         return RolloutResult(np.where(diverged[:, None], states, after), diverged)
 
-    def _pool(self, nthread: int) -> tuple[Rollout, list[Any]]:
-        if nthread not in self._pools:
-            threads = nthread if nthread > 1 else 0
-            self._pools[nthread] = Rollout(nthread=threads), [mujoco.MjData(self.model) for _ in range(nthread)]
-        return self._pools[nthread]
-
     def close(self) -> None:
         """End the threads."""
-        for pool, _ in self._pools.values():
-            pool.close()
-        self._pools.clear()
+        self._pools.close()

@@ -1,0 +1,179 @@
+"""Checkpoints of a training: all that what follows depends on, in a file that runs nothing when it is read."""
+
+import os
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+from tensegrity_agents.config import TrainConfig
+from tensegrity_agents.sb3.hints import HintedVecEnv
+from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
+
+CHECKPOINT = "checkpoint.pt"
+
+
+class TrainingError(RuntimeError):
+    """Training cannot go on; the message says what to do."""
+
+
+class Progressed(NamedTuple):
+    """How far a training has come.
+
+    Attributes:
+        seconds: spent training.
+        segment: number of the segment.
+        segment_end: its last time step; None at the beginning of a segment.
+        rows: of the learning curve.
+        evaluations: rows of the evaluations.
+        episodes: state of the latest training episodes, see `CompleteEpisodes.state`; None if there is none.
+        running: state of environments and random numbers within a segment, see `running_state`; None at its beginning.
+    """
+
+    seconds: float
+    segment: int
+    segment_end: int | None
+    rows: list[list[float]]
+    evaluations: list[list[float]]
+    episodes: dict[str, Any] | None
+    running: dict[str, Any] | None
+
+
+def keep(path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNormalize, so_far: Progressed) -> None:
+    """Write a checkpoint, whole or not at all.
+
+    Args:
+        path: of the file.
+        described: the experiment; a checkpoint of another one is not gone on with.
+        model: of Stable-Baselines3.
+        env: its environments.
+        so_far: how far the training has come.
+    """
+    assert isinstance(env.obs_rms, dict)
+    rms = env.obs_rms["observation"]
+    content = {
+        "described": described,
+        "parameters": model.get_parameters(),
+        "entropy": getattr(model, "log_ent_coef", None),
+        "normalization": {"mean": rms.mean, "var": rms.var, "count": float(rms.count)},
+        "num_timesteps": model.num_timesteps,
+        "updates": getattr(model, "_n_updates", 0),
+        **so_far._asdict(),
+    }
+    part = path.with_name(path.name + ".part")
+    torch.save(_mapped(content, np.ndarray, torch.from_numpy), part)
+    os.replace(part, path)
+
+
+def restore(path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> Progressed:
+    """Read a checkpoint into model and environments.
+
+    Raises:
+        TrainingError: it is of another experiment, or cannot be read.
+    """
+    try:
+        content = torch.load(path, weights_only=True)
+        before = with_later_settings(content["described"], described)
+        if before == described:
+            return _restored(content, model, env)
+    except Exception as error:
+        raise TrainingError(
+            f"{path} cannot be read as a checkpoint ({type(error).__name__}: {error}); "
+            "delete it (or use --fresh) to start anew"
+        ) from error
+    changed = [key for key in described if before.get(key) != described[key]]
+    raise TrainingError(
+        f"{path} was written with other settings ({', '.join(changed)} differ): "
+        f"train into another folder, or delete it (or use --fresh) to start anew"
+    )
+
+
+def _restored(content: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> Progressed:
+    found: dict[str, Any] = {
+        name: content.get(name, [] if name == "evaluations" else None) for name in Progressed._fields
+    }
+    found |= {
+        name: _mapped(found[name], torch.Tensor, lambda tensor: tensor.numpy().copy())
+        for name in ("episodes", "running")
+    }
+    so_far = Progressed(**found)
+    saved = content["normalization"]
+    model.set_parameters(content["parameters"], exact_match=True)
+    if content["entropy"] is not None:
+        model.log_ent_coef.data.copy_(content["entropy"].data)  # type: ignore[attr-defined]
+    assert isinstance(env.obs_rms, dict)
+    rms = env.obs_rms["observation"]
+    rms.mean, rms.var, rms.count = saved["mean"].numpy(), saved["var"].numpy(), saved["count"]
+    model.num_timesteps = content["num_timesteps"]
+    if hasattr(model, "_n_updates"):
+        model._n_updates = content["updates"]
+    if hasattr(model, "learning_starts"):  # the replay buffer fills anew
+        model.learning_starts += model.num_timesteps
+    return so_far
+
+
+def running_state(model: BaseAlgorithm, env: VecNormalize) -> dict[str, Any]:
+    """What a training on native environments depends on between two rollouts, beside model and normalization."""
+    monitor, hinted, adapter = _parts(env)
+    memory = None if hinted is None or hinted.memory is None else list(hinted.memory)
+    name, keys, *rest = np.random.get_state()  # noqa: NPY002  (SB3 draws from it)
+    return {
+        "environments": adapter.envs.unwrapped.get_state(),  # type: ignore[attr-defined]
+        "returns": monitor.episode_returns.copy(),
+        "lengths": monitor.episode_lengths.copy(),
+        "memory": memory,
+        "observation": model._last_obs,
+        "starts": model._last_episode_starts,
+        "torch": torch.get_rng_state(),
+        "numpy": [name, np.asarray(keys).tolist(), *rest],
+        "python": random.getstate(),
+    }
+
+
+def go_on(state: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> None:
+    """Go on where `running_state` was told."""
+    monitor, hinted, adapter = _parts(env)
+    (adapter if hinted is None else hinted).reset()  # which makes what the states go into
+    adapter.envs.unwrapped.set_state(state["environments"])  # type: ignore[attr-defined]
+    monitor.episode_returns, monitor.episode_lengths = state["returns"], state["lengths"]
+    if hinted is not None and state["memory"] is not None:
+        hinted.memory = type(hinted.memory)(*state["memory"])
+    model._last_obs, model._last_episode_starts = state["observation"], state["starts"]
+    torch.set_rng_state(torch.from_numpy(state["torch"]))
+    name, keys, *rest = state["numpy"]
+    np.random.set_state((name, np.array(keys, np.uint32), *rest))  # noqa: NPY002
+    version, internal, gauss = state["python"]
+    random.setstate((version, tuple(internal), gauss))
+
+
+def with_later_settings(before: dict[str, Any], described: dict[str, Any]) -> dict[str, Any]:
+    """Settings as they were recorded, completed by those that came later, which had their default then."""
+    later: dict[str, Any] = {"options": {}}
+    for key, field in TrainConfig.model_fields.items():
+        if not field.is_required():
+            later[key] = field.get_default(call_default_factory=True)
+    return {key: later[key] for key in described if key in later} | before
+
+
+def _parts(env: VecNormalize) -> tuple[VecMonitor, HintedVecEnv | None, VectorEnvAdapter]:
+    monitor: Any = env.venv
+    inner: Any = monitor.venv
+    hinted = inner if isinstance(inner, HintedVecEnv) else None
+    adapter: Any = inner if hinted is None else hinted.venv
+    return monitor, hinted, adapter
+
+
+def _mapped(tree: Any, kind: type[Any], change: Callable[[Any], Any]) -> Any:
+    """The same nested dicts, lists and tuples, with all leaves of a kind changed."""
+    if isinstance(tree, kind):
+        return change(tree)
+    if isinstance(tree, dict):
+        return {key: _mapped(value, kind, change) for key, value in tree.items()}
+    if isinstance(tree, list | tuple) and not hasattr(tree, "_fields"):
+        return type(tree)(_mapped(value, kind, change) for value in tree)
+    return tree

@@ -1,0 +1,91 @@
+"""Code blocks of README and docs run as written; commands name what there is, with options that there are."""
+
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from tensegrity_agents.console import find_experiment
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(language: str) -> list[tuple[str, str]]:
+    """Fenced blocks of a language: where they are, and their text."""
+    found = []
+    for page in PAGES:
+        text = page.read_text()
+        for match in re.finditer(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+            line = text[: match.start()].count("\n") + 1
+            found.append((f"{page.name}:{line}", match.group(1)))
+    return found
+
+
+def commands() -> list[tuple[str, str]]:
+    """Command lines, in indented blocks and in the text."""
+    found = []
+    for page in PAGES:
+        for number, line in enumerate(page.read_text().splitlines(), 1):
+            inline = [] if line.startswith("    ") else re.findall(r"`([^`]+)`", line)
+            whole = [line.strip()] if line.startswith("    ") else []
+            for text in (*inline, *whole):
+                if re.match(r"(\S*python3? )?scripts/\w+\.py\b|make [a-z]|make$", text):
+                    command = text.split("  #")[0].strip()
+                    if not re.fullmatch(r"scripts/\w+\.py", command):  # a mere mention
+                        found.append((f"{page.name}:{number}", command))
+    return found
+
+
+@pytest.mark.parametrize(("place", "code"), blocks("python"), ids=lambda text: text if ".md:" in text else "")
+def test_python_blocks_run_as_written(place, code, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-W", "error::SyntaxWarning", "-c", code],
+        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, f"{place}\n{done.stderr}"
+
+
+def parser(script: Path) -> Any:
+    """The command line of a script."""
+    app = typer.Typer(add_completion=False)
+    app.command()(runpy.run_path(str(script))["main"])
+    return typer.main.get_command(app)
+
+
+def test_there_are_commands_to_check():
+    assert len(commands()) > 30
+
+
+@pytest.mark.parametrize(("place", "command"), commands(), ids=lambda text: text if ".md:" in text else "")
+def test_commands_are_understood(place, command):
+    words = shlex.split(command)
+    if words[0] == "make":
+        targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+        for word in words[1:]:
+            name, _, value = word.partition("=")
+            assert name in targets or name == "ENV", place
+            if value and value[0].isupper():
+                find_experiment(None, value, ROOT / "configs")
+        return
+    words = words[1:] if words[0].endswith(("python", "python3")) else words
+    script = ROOT / words[0]
+    assert script.is_file(), place
+    arguments = [word for word in words[1:] if word not in ("...", "…")]
+    context = parser(script).make_context(script.name, arguments)
+    if context.params.get("env"):
+        find_experiment(None, context.params["env"], ROOT / "configs")
+    if context.params.get("config"):
+        assert (ROOT / context.params["config"]).is_file(), place
+
+
+def test_links_lead_somewhere():
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
+            assert re.match(r"https?://", target) or (page.parent / target).exists(), f"{page.name}: {target}"
