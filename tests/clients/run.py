@@ -4,7 +4,7 @@
     python tests/clients/run.py --client skrl           one of them
     python tests/clients/run.py --write                 and put the table into docs/compatibility.md
 
-Needs Python's venv and a package index. Each virtual environment (the largest, Ray's, has 2.5 GB) is in a temporary
+Needs Python's venv and a package index. Each virtual environment (the largest, Ray's, has 2 GB) is in a temporary
 folder, which is deleted after the client has run. No part of `make test`. The exit code is 1 where
 anything does not work.
 """
