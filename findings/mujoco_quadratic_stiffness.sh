@@ -1,6 +1,6 @@
 #!/bin/sh
 # mujoco 4.0.0, 2026-11-29.
-# Expected: a hinge with the stiffness polynomial "0 2" (no linear term, quadratic coefficient 2) resists a deflection to
+# Expected: a hinge with the stiffness polynomial "0 2" (quadratic coefficient 2) resists a deflection to
 # either side alike, as the damping polynomial "0 2" resists velocities: torque -2 q |q|.
 # Seen: the quadratic term of damping is odd (-2 v |v|), that of stiffness is even (-2 q q): at -0.5 rad the spring
 # pushes away from its rest position. A symmetric spring needs odd powers only.

@@ -46,7 +46,8 @@ def episodes(mode):
 
     gym.register(env_id, entry_point=Counter, vector_entry_point=vector)
     config = PPOConfig().environment(env_id)
-    config = config.env_runners(num_env_runners=0, num_envs_per_env_runner=1, gym_env_vectorize_mode="vector_entry_point")
+    one = {"num_env_runners": 0, "num_envs_per_env_runner": 1}
+    config = config.env_runners(**one, gym_env_vectorize_mode="vector_entry_point")
     runner = SingleAgentEnvRunner(config=config, worker_index=1)
     done = [e for e in runner.sample(num_timesteps=20, random_actions=True) if e.is_done][:3]
     return [[tuple(int(x) for x in o) for o in e.get_observations()] for e in done]
