@@ -24,6 +24,7 @@ LAYERS = [
     "mujoco_env",
     "vector_env",
     "registration",
+    "warming",
 ]
 FORBIDDEN = {
     "compiler": {"gymnasium", "torch", "pygame", "matplotlib"},

@@ -31,8 +31,8 @@ def compiled(monkeypatch, tmp_path):
 def other(design):
     """A design all of whose numbers differ, also where they were equal.
 
-    But the two triangles of a segment stay alike: where their diagonals differ, a spring's length needs a root, which is
-    other code.
+    But the two triangles of a segment stay alike: where their diagonals differ, a spring's length needs a root, which
+    is other code.
     """
     changed = {}
     for k, field in enumerate(dataclasses.fields(design), 1):
