@@ -308,7 +308,7 @@ class Start(NamedTuple):
 
 
 def compiling(progress: Callable[[str], None] = print) -> list[Start]:
-    """What the first and the second use of every environment cost, each in a process of its own; last, of all in one."""
+    """What the first and the second use of every environment cost, in a process of its own; last, of all in one."""
     lines = []
     for what, ids in (*((env_id, [env_id]) for env_id in tensegrity_envs.ENV_IDS), ("all", tensegrity_envs.ENV_IDS)):
         progress(f"starting {what}, twice")
