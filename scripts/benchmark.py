@@ -12,7 +12,7 @@ from tensegrity_agents.console import clear_errors, console, find_experiment, sa
 
 
 def main(
-    only: Annotated[str, typer.Option(help="one part: single, vector, dynamics, ppo or redundancy")] = "all",
+    only: Annotated[str, typer.Option(help="single, vector, dynamics, ppo, redundancy, compiling, or all")] = "all",
     config: Annotated[Path, typer.Option(help="settings of PPO")] = Path("configs/two_x_reach.yaml"),
 ) -> None:
     """Measure steps per second of single and vector environments and of PPO.
@@ -20,13 +20,22 @@ def main(
     Takes about five minutes; leave the machine alone meanwhile.
     """
     with clear_errors():
-        if only not in ("all", "single", "vector", "dynamics", "ppo", "redundancy"):
-            raise ConfigError(f"--only {only}: must be single, vector, dynamics, ppo, redundancy or all")
+        if only not in ("all", "single", "vector", "dynamics", "ppo", "redundancy", "compiling"):
+            raise ConfigError(f"--only {only}: must be single, vector, dynamics, ppo, redundancy, compiling or all")
 
         def progress(what: str) -> None:
             console.print(what, style="dim", markup=False, highlight=False)
 
         settings = find_experiment(config, None) if only in ("all", "ppo") else None
+        if only in ("all", "compiling"):
+            table = Table(
+                "import, make, reset, step", "empty cache [CPU s]", "filled cache [CPU s]", "machine code [kB]"
+            )
+            for start in benchmark.compiling(progress=progress):
+                table.add_row(start.what, f"{start.cold:.2f}", f"{start.warm:.2f}", f"{start.kilobytes:.0f}")
+            console.print(table)
+        if only == "compiling":
+            return
         lines = []
         if only in ("all", "single"):
             lines += benchmark.single(progress=progress)

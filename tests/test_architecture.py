@@ -25,6 +25,7 @@ LAYERS = [
     "vector_rendering",
     "vector_env",
     "registration",
+    "warming",
 ]
 FORBIDDEN = {
     "compiler": {"gymnasium", "torch", "pygame", "matplotlib"},

@@ -3,8 +3,11 @@
 import cProfile
 import os
 import pstats
+import subprocess
+import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -291,6 +294,51 @@ def redundancy(targets: int = 10_000, compared: int = 100, progress: Callable[[s
         scipy_rate = compared / (time.perf_counter() - begun)
         lines.append(Speed(f"redundancy by {name} (ratio to scipy's minimize)", rate, rate / scipy_rate, 50.0))
     return lines
+
+
+class Start(NamedTuple):
+    """CPU seconds of a process that imports the package, makes an environment, resets it and steps once.
+
+    Attributes:
+        what: started.
+        cold: with an empty cache of machine code.
+        warm: with a filled one.
+        kilobytes: of machine code in the cache.
+    """
+
+    what: str
+    cold: float
+    warm: float
+    kilobytes: float
+
+
+def compiling(progress: Callable[[str], None] = print) -> list[Start]:
+    """What the first and the second use of every environment cost, in a process of its own; last, of all in one."""
+    lines = []
+    for what, ids in (*((env_id, [env_id]) for env_id in tensegrity_envs.ENV_IDS), ("all", tensegrity_envs.ENV_IDS)):
+        progress(f"starting {what}, twice")
+        with tempfile.TemporaryDirectory() as folder:
+            cold, warm = _start(ids, folder), _start(ids, folder)
+            size = sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file())
+        lines.append(Start(what, cold, warm, size / 1000))
+    return lines
+
+
+_START = """
+import sys, time, gymnasium, tensegrity_envs
+for env_id in sys.argv[1:]:
+    env = gymnasium.make(env_id)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+print(time.process_time())
+"""
+
+
+def _start(ids: Sequence[str], folder: str) -> float:
+    settings = os.environ | {"TENSEGRITY_CACHE_DIR": folder, "TENSEGRITY_QUIET": "1"}
+    command = [sys.executable, "-W", "ignore", "-c", _START, *ids]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=settings)
+    return float(done.stdout.split()[-1])
 
 
 def _frames(model: PPO, timesteps: int) -> float:

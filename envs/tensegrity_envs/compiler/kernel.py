@@ -92,6 +92,10 @@ class Kernel:
         self._run, self._rows = _compiled(self.graph, self._first, self.result.size)
         self._free = []
 
+    def source(self) -> str:
+        """The module that is compiled, in LLVM's intermediate representation."""
+        return _source(_Plan(self.graph, self._first, self.result.size), "kernel")
+
     def _checked(self, matrices: tuple[np.ndarray, ...], n: int) -> list[np.ndarray]:
         """The matrices as compiled code reads them."""
         for matrix, schema in zip(matrices, self.schemas, strict=True):

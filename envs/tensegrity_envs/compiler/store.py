@@ -9,7 +9,10 @@ import hashlib
 import os
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
+
+from tensegrity_envs.compiler import notice
 
 _MAGIC = b"tensegrity_envs machine code 1\n"
 _LARGEST = 256 * 2**20  # bytes kept in all
@@ -34,6 +37,7 @@ def fetch(key: str, version: str, make: Callable[[], bytes]) -> bytes:
         version: of the compiler; keys of other versions are other keys.
         make: compiles it.
     """
+    make = partial(notice.compiled, make)
     folder = directory() / f"code-{version}"
     path = folder / f"{key}.bin"
     code = _read(path)

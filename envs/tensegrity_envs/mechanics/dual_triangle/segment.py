@@ -52,7 +52,7 @@ class DualTriangleSegment:
         a1, b1, a2, b2 = design.a1, design.b1, design.a2, design.b2
         # The one component that tells floats from arrays when a batch of designs meets a single angle.
         self._probe: Component = sum(v for v in vars(design).values() if isinstance(v, np.ndarray) or is_symbol(v))
-        xp = namespace_of(self._probe)
+        xp = namespace_of(self._probe, a1, b1, a2, b2)
         c1, c2 = xp.hypot(a1, b1), xp.hypot(a2, b2)
         self._gg = c1 * c2
         self._d = ((a1 - a2) * (a1 + a2) + (b1 - b2) * (b1 + b2)) / (c1 + c2)  # c1 - c2 without its cancellation

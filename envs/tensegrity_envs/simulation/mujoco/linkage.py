@@ -104,10 +104,12 @@ class Linkage:
         if abs(angles @ self.reading.T - samples).max() > 1e-9:
             raise ValueError(f"{type(mechanism).__name__}: its configuration is not linear in the angles of its hinges")
         self.invariants = self._invariants(nodes)
-        self._chain = [(body.parent, self.local(body.hinge, body.parent)) for body in self.bodies[1:]]
-        places = {name: (self.owner(name), self.local(name, self.owner(name))) for name in self.reference}
+        # As pairs of numbers, which compiled code takes as data
+        self._chain = [(body.parent, _pair(self.local(body.hinge, body.parent))) for body in self.bodies[1:]]
+        places = {name: (self.owner(name), _pair(self.local(name, self.owner(name)))) for name in self.reference}
         self._sides = [
-            ([(places[a], places[b]) for a, b in (first, second)], value) for first, second, value in self.invariants
+            ([(places[a], places[b]) for a, b in (first, second)], float(value))
+            for first, second, value in self.invariants
         ]
 
     # ------------------------------------------------------------------------------------------------ what it finds
@@ -336,7 +338,13 @@ class Linkage:
         return (error,)
 
 
-def _place(frame: tuple[Component, ...], point: complex) -> tuple[Component, Component]:
+def _place(frame: tuple[Component, ...], point: tuple[Component, Component]) -> tuple[Component, Component]:
     """Where a point of a body is, whose position, cosine and sine are given."""
     x, y, c, s = frame
-    return x + (c * point.real - s * point.imag), y + (s * point.real + c * point.imag)
+    px, py = point
+    return x + (c * px - s * py), y + (s * px + c * py)
+
+
+def _pair(point: Any) -> tuple[float, float]:
+    """x and y of a complex number."""
+    return float(point.real), float(point.imag)

@@ -1,0 +1,33 @@
+"""Compile ahead of use: for container images, clusters, and machines without a writable home."""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from tensegrity_envs.registration import ENV_IDS
+
+
+def compile_all(ids: Iterable[str] | None = None, progress: Callable[[str], None] = print) -> None:
+    """Compile everything that environments need, and keep it in the cache (see `TENSEGRITY_CACHE_DIR`).
+
+    Args:
+        ids: of the environments; by default all.
+        progress: is told what comes next.
+
+    Raises:
+        ValueError: there is no environment of some id.
+    """
+    wanted = list(ENV_IDS if ids is None else ids)
+    unknown = [env_id for env_id in wanted if env_id not in gym.registry]
+    if unknown:
+        raise ValueError(f"ids: there is no {unknown[0]!r}; there are {', '.join(ENV_IDS)}")
+    for k, env_id in enumerate(wanted, 1):
+        progress(f"{k} of {len(wanted)}: {env_id}")
+        for reward_type in ("dense", "sparse"):
+            env: Any = gym.make(env_id, reward_type=reward_type, disable_env_checker=True)
+            observation, info = env.reset(seed=0)
+            env.step(np.zeros(env.action_space.shape, np.float32))
+            env.unwrapped.compute_reward(observation["achieved_goal"], observation["desired_goal"], info)
+            env.close()

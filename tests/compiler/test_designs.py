@@ -1,0 +1,105 @@
+"""Numbers are data: another design, other weights or tolerances compile nothing."""
+
+import dataclasses
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import tensegrity_envs
+from tensegrity_envs.compiler import machine, store
+from tensegrity_envs.compiler.kernel import Kernel, evaluate
+from tensegrity_envs.compiler.numbers import Lifting, Number
+from tensegrity_envs.compiler.pytree import Schema
+
+
+@pytest.fixture
+def compiled(monkeypatch, tmp_path):
+    """The names of what is compiled, kept in an empty cache."""
+    from tensegrity_envs.compiler import kernel
+
+    monkeypatch.setenv("TENSEGRITY_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(kernel, "_LOADED", {})
+    made, fetch = [], store.fetch
+    monkeypatch.setattr(
+        store, "fetch", lambda key, version, make: fetch(key, version, lambda: made.append(key) or make())
+    )
+    monkeypatch.setattr(machine, "to_object", machine.to_object)
+    return made
+
+
+def other(design):
+    """A design all of whose numbers differ, also where they were equal.
+
+    But the two triangles of a segment stay alike: where their diagonals differ, a spring's length needs a root, which
+    is other code.
+    """
+    changed = {}
+    for k, field in enumerate(dataclasses.fields(design), 1):
+        if field.name in ("a2", "b2") and hasattr(design, "a1"):
+            changed[field.name] = changed[field.name[0] + "1"]
+            continue
+        value = getattr(design, field.name)
+        if isinstance(value, float) and np.isfinite(value):
+            changed[field.name] = value * (1 + 1e-3 * k)
+    return dataclasses.replace(design, **changed)
+
+
+@pytest.mark.parametrize("env_id", [i for i in tensegrity_envs.ENV_IDS if "Posture" not in i])
+def test_a_second_design_compiles_nothing(env_id, compiled):
+    def use(**options):
+        env = gym.make(env_id, disable_env_checker=True, **options)
+        observation, info = env.reset(seed=0)
+        env.step(env.action_space.sample())
+        env.unwrapped.compute_reward(observation["achieved_goal"], observation["desired_goal"], info)
+        return env.unwrapped
+
+    design = use().design
+    assert compiled
+    del compiled[:]
+    weights = {"distance": 0.123} if "Hold" not in env_id else {}
+    use(design=other(design), tolerance=0.00456, reward_weights=weights)
+    assert not compiled
+
+
+@dataclasses.dataclass
+class Pair:
+    a: float
+    b: float
+
+
+def scaled(pair, x):
+    return pair.a * x + pair.b * x * 3.0 - (pair.a / pair.b) ** 2
+
+
+def test_equal_numbers_and_other_numbers_share_their_code(compiled):
+    for pair in (Pair(2.0, 2.0), Pair(2.0, 3.0), Pair(3.0, 3.0), Pair(0.5, -0.0 + 1e300)):
+        assert evaluate(scaled, pair, 0.7) == pytest.approx(scaled(pair, 0.7), rel=1e-15)
+    assert len(compiled) == 1
+
+
+def test_numbers_know_where_they_come_from():
+    lifting = Lifting(lambda value: False)
+    pair = lifting.lift(Pair(2.0, 3.0), "pair")
+    product = -abs(pair.a) * pair.b + 1
+    assert product == -5.0
+    assert isinstance(product, Number)
+    assert pair.a.source == "Pair.a"
+    again = lifting.lift(Pair(2.0, 4.0), "another")
+    assert again.a.source == "Pair.a"
+    assert again.b.source != pair.b.source
+
+
+def test_matrices_that_compiled_code_cannot_read_are_copied_or_refused():
+    kernel = Kernel(lambda v: (v[0] + 2 * v[1], v[1]), Schema((np.zeros(1), np.zeros(1))))
+    matrix = np.arange(12.0).reshape(2, 6)
+    expected = kernel(matrix)
+    for odd in (np.asfortranarray(matrix), matrix[:, ::-1][:, ::-1], matrix.astype(int), matrix.astype(np.float32)):
+        np.testing.assert_array_equal(kernel(odd), expected)
+    np.testing.assert_array_equal(kernel(matrix[:, ::2]), expected[:, ::2])
+    matrix.flags.writeable = False
+    np.testing.assert_array_equal(kernel(matrix), expected)
+    assert kernel(np.zeros((2, 0))).shape == (2, 0)
+    for wrong in (np.zeros((1, 3)), np.zeros((2, 2, 2))):
+        with pytest.raises(ValueError, match="shape"):
+            kernel(wrong)

@@ -1,0 +1,56 @@
+"""What is loaded, compiled ahead and said."""
+
+import os
+import subprocess
+import sys
+
+import gymnasium as gym
+import pytest
+
+import tensegrity_envs
+from tensegrity_envs.compiler import notice, store
+
+HEAVY = ("numba", "torch", "pygame", "matplotlib", "contourpy", "shapely", "mujoco", "scipy.optimize", "scipy.ndimage")
+
+
+@pytest.mark.parametrize("env_id", tensegrity_envs.ENV_IDS)
+def test_an_environment_loads_only_what_it_uses(env_id):
+    needed = {"mujoco"} if "MuJoCo" in env_id else set()
+    needed |= {"scipy.ndimage"} if "TwoX" in env_id else set()  # connected components of its joint space
+    needed |= {"shapely"} if "Posture" in env_id else set()
+    code = (
+        "import sys, gymnasium, tensegrity_envs; "
+        f"env = gymnasium.make({env_id!r}); env.reset(seed=0); env.step(env.action_space.sample()); "
+        f"print(*[m for m in {HEAVY} if m in sys.modules])"
+    )
+    shown = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=True)
+    assert set(shown.stdout.split()) <= needed
+
+
+def test_what_is_compiled_ahead_is_not_compiled_again(tmp_path):
+    environment = os.environ | {"TENSEGRITY_CACHE_DIR": str(tmp_path), "TENSEGRITY_QUIET": "1"}
+    ids = ["tensegrity/PlanarFourBarReach-v0", "tensegrity/DualTrianglePush-v0"]
+    code = f"import tensegrity_envs; tensegrity_envs.compile_all({ids})"
+    first = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    assert [line.split(":")[0] for line in first.stdout.splitlines()] == ["1 of 2", "2 of 2"]
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.bin")}
+    assert before
+    subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, env=environment)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.bin")} == before
+    with pytest.raises(ValueError, match="PlanarFourBarReach"):
+        tensegrity_envs.compile_all(["tensegrity/Missing-v0"])
+    assert "tensegrity/PlanarFourBarReach-v0" in gym.registry
+
+
+@pytest.mark.parametrize(("variable", "lines"), [(None, 1), ("CI", 0), ("TENSEGRITY_QUIET", 0)])
+def test_one_line_says_that_it_takes_longer(variable, lines, monkeypatch, tmp_path, caplog):
+    for name in ("CI", "TENSEGRITY_QUIET"):
+        monkeypatch.delenv(name, raising=False)
+    if variable:
+        monkeypatch.setenv(variable, "1")
+    monkeypatch.setenv("TENSEGRITY_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(notice, "_AFTER", 0.0)
+    monkeypatch.setitem(notice._state, "said", 0.0)
+    for key in ("a", "b"):
+        store.fetch(key, "v", lambda: b"code")
+    assert len([r for r in caplog.records if r.name == "tensegrity_envs"]) == lines
