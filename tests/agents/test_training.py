@@ -28,6 +28,8 @@ from tensegrity_agents.sb3.training import TrainingError, TrainingInterruptedErr
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 from tensegrity_envs.seeding import VALIDATION_SEED
 
+# Before any training; SIGINT is ignored where a shell runs the tests in the background.
+HANDLERS = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 REACH = "tensegrity/TwoXReach-v0"
 ROOT = Path(__file__).parents[2]
 SMALL = {
@@ -271,8 +273,7 @@ def test_evaluations_and_checkpoints_do_not_change_the_training(trained, tmp_pat
 
 
 def test_signals_are_handled_as_before_after_a_training(trained):
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert {number: signal.getsignal(number) for number in HANDLERS} == HANDLERS
 
 
 def test_the_learning_curve_counts_complete_episodes_alike():
