@@ -22,6 +22,7 @@ LAYERS = [
     "episodes",
     "env",
     "mujoco_env",
+    "vector_info",
     "vector_rendering",
     "vector_env",
     "registration",

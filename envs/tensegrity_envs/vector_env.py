@@ -8,11 +8,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from tensegrity_envs.arms import core_of
-from tensegrity_envs.core import Core, InfoEntry
+from tensegrity_envs.core import Core
 from tensegrity_envs.episodes import EpisodeQueue
 from tensegrity_envs.rendering import checked_size
 from tensegrity_envs.seeding import checked_episode, checked_seed
 from tensegrity_envs.simulation.protocol import RUNNING, Episode
+from tensegrity_envs.vector_info import InfoTable
 from tensegrity_envs.vector_rendering import Tiles
 
 _AHEAD = 4  # episodes drawn ahead for each environment
@@ -89,7 +90,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         self._ended = np.zeros(self.num_envs, bool)  # in the last step, and not begun anew yet
         self._episodes: np.ndarray | None = None  # one column for each environment
         self._outcomes: np.ndarray  # of the last step, likewise
-        self._told: tuple[np.ndarray, list[InfoEntry]] | None = None
+        self._table: InfoTable | None = None
 
     @property
     def design(self) -> Any:
@@ -269,31 +270,13 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
 
     def _info(self, outcomes: np.ndarray, mask: np.ndarray | None = None) -> dict[str, Any]:
         """The info of some outcomes, of all environments or of those in the mask; zero for all others."""
-        if self._told is None:
-            self._told = _gathered(self.core.info_entries)
-        rows, entries = self._told
-        if mask is None:
-            told, steps = np.take(outcomes, rows, axis=0), self._steps.copy()
-        else:
-            index = np.flatnonzero(mask)
-            told, steps = np.zeros((len(rows), self.num_envs)), np.zeros_like(self._steps)
-            told[:, index], steps[index] = outcomes[rows[:, None], index], self._steps[index]
-        info: dict[str, Any] = {}
-        for name, first, end, kind in entries:
-            if end is not None:
-                info[name] = told[first:end].T
-            elif kind == "float":
-                info[name] = told[first]
-            else:
-                info[name] = told[first] != 0 if kind == "bool" else told[first].astype(np.int64)
-        info["step"] = steps
+        if self._table is None:
+            self._table = InfoTable(self.core.info_entries, self.num_envs)
+        limits = None
         if self._is_staggered:
             assert self.max_episode_steps is not None
-            info["time_limit"] = self.max_episode_steps - self._ahead_of_time
-        masks = np.empty((len(info), self.num_envs), bool)  # each user's own, to write into
-        masks[:] = True if mask is None else mask
-        info.update(zip([f"_{name}" for name in info], masks, strict=True))
-        return info
+            limits = self.max_episode_steps - self._ahead_of_time
+        return self._table.told(outcomes, self._steps, mask, limits)
 
     def get_state(self) -> dict[str, Any]:
         """All that determines what follows, the coming episodes included, for `set_state` of any vector of this id and
@@ -407,14 +390,3 @@ def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
             return known
     names = ", ".join(repr(known.value) for known in AutoresetMode)
     raise ValueError(f"autoreset_mode = {mode!r}: must be one of {names}, or a gymnasium.vector.AutoresetMode")
-
-
-def _gathered(entries: list[InfoEntry]) -> tuple[np.ndarray, list[InfoEntry]]:
-    """The rows of outcomes that `info` tells, and its entries as they stand in a matrix of these rows alone."""
-    rows: list[int] = []
-    moved = []
-    for name, first, end, kind in entries:
-        place = len(rows)
-        rows.extend(range(first, first + 1 if end is None else end))
-        moved.append(InfoEntry(name, place, None if end is None else len(rows), kind))
-    return np.array(rows), moved
