@@ -623,12 +623,18 @@ class Core(ABC):
             )
         return np.atleast_2d(achieved), np.atleast_2d(desired), single
 
-    def _infos(self, info: Any, count: int | None) -> dict[str, np.ndarray]:
-        """The infos as one dict of arrays; a count of None stands for one without a batch."""
+    @cached_property
+    def reward_keys(self) -> list[str]:
+        """Names of the entries of `info` that `compute_reward` needs."""
         keys = ["configuration", "stability_margin", "wrench_margin", "failure", "step", *self.hidden_names]
         keys += [self.input_name] if self.input_name else []
         keys += [f"random_{name}" for name in self.episodes.rows.random]
         keys += ["true_goal"] if self.randomization.is_noisy else []
+        return keys
+
+    def _infos(self, info: Any, count: int | None) -> dict[str, np.ndarray]:
+        """The infos as one dict of arrays; a count of None stands for one without a batch."""
+        keys = self.reward_keys
         infos = [info or {}] if isinstance(info, dict | None) and count is None else info
         if not isinstance(infos, dict):
             if (

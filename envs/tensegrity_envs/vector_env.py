@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from tensegrity_envs.arms import core_of
-from tensegrity_envs.core import Core
+from tensegrity_envs.core import Core, InfoEntry
 from tensegrity_envs.episodes import EpisodeQueue
 from tensegrity_envs.rendering import checked_size
 from tensegrity_envs.seeding import checked_episode, checked_seed
@@ -17,6 +17,7 @@ from tensegrity_envs.vector_info import InfoTable
 from tensegrity_envs.vector_rendering import Tiles
 
 _AHEAD = 4  # episodes drawn ahead for each environment
+_INFOS = ("full", "goal", "none")
 
 
 class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
@@ -39,6 +40,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         max_episode_steps: truncation; None or -1 for none.
         autoreset_mode: "NextStep", "SameStep", "Disabled", or a `gymnasium.vector.AutoresetMode`. Only the strings
             survive `spec.to_json()`.
+        info: "full", "goal" (what `compute_reward` needs, and is_success) or "none", which are cheaper; `final_obs` and
+            `final_info` come in any case.
         render_mode: None or "rgb_array" (one picture for each environment).
         render_size: side of a picture, or (width, height) [pixels].
         **options: of the core.
@@ -60,6 +63,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         num_envs: int = 1,
         max_episode_steps: int | None = 100,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        info: str = "full",
         render_mode: str | None = None,
         render_size: int | tuple[int, int] = 300,
         **options: Any,
@@ -71,6 +75,9 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             )
         if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
             raise ValueError(f"num_envs = {num_envs!r}: must be a whole number, at least 1")
+        if info not in _INFOS:
+            raise ValueError(f"info = {info!r}: must be one of {', '.join(map(repr, _INFOS))}")
+        self._wanted = info
         self.max_episode_steps = checked_limit(max_episode_steps)
         self.autoreset_mode = checked_mode(autoreset_mode)
         size = checked_size(render_size)
@@ -271,12 +278,20 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
     def _info(self, outcomes: np.ndarray, mask: np.ndarray | None = None) -> dict[str, Any]:
         """The info of some outcomes, of all environments or of those in the mask; zero for all others."""
         if self._table is None:
-            self._table = InfoTable(self.core.info_entries, self.num_envs)
+            self._table = InfoTable(self._entries(), self.num_envs)
+        if self._wanted == "none":
+            return {}
         limits = None
         if self._is_staggered:
             assert self.max_episode_steps is not None
             limits = self.max_episode_steps - self._ahead_of_time
         return self._table.told(outcomes, self._steps, mask, limits)
+
+    def _entries(self) -> list[InfoEntry]:
+        """Those of `info` that are wanted."""
+        entries = self.core.info_entries
+        wanted = {*self.core.reward_keys, "is_success"}
+        return entries if self._wanted == "full" else [entry for entry in entries if entry.name in wanted]
 
     def get_state(self) -> dict[str, Any]:
         """All that determines what follows, the coming episodes included, for `set_state` of any vector of this id and

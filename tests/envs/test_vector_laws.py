@@ -408,3 +408,28 @@ def test_an_unknown_backend_is_named():
             continue
         with pytest.raises(ValueError, match="backend = 'torch'"):
             gym.make(env_id, backend="torch")
+
+
+@some_ids
+def test_less_info_is_a_part_of_it(env_id):
+    envs = {kind: make_vec(env_id, info=kind, autoreset_mode="SameStep") for kind in ("full", "goal", "none")}
+    rng = np.random.default_rng(0)
+    told = {kind: [env.reset(seed=0)] for kind, env in envs.items()}
+    for _ in range(30):
+        action = rng.uniform(-1, 1, envs["full"].action_space.shape)
+        for kind, env in envs.items():
+            told[kind].append(env.step(action))
+    for full, goal, none in zip(*told.values(), strict=True):
+        for mine, other in zip(full[:-1], goal[:-1]):
+            assert_same(mine, other)
+        assert set(none[-1]) <= {"final_obs", "_final_obs", "final_info", "_final_info"}
+        assert set(goal[-1]) < set(full[-1])
+        for name, value in goal[-1].items():
+            if name != "final_info":
+                assert_same(value, full[-1][name], name)
+    base, (observation, reward, terminated, truncated, info) = envs["goal"].unwrapped, told["goal"][-1]
+    if not (terminated | truncated).any():
+        goals = observation["achieved_goal"], observation["desired_goal"]
+        np.testing.assert_allclose(base.compute_reward(*goals, info), reward, atol=1e-9)
+    with pytest.raises(ValueError, match=r"info = 'some'.*'full', 'goal', 'none'"):
+        make_vec(env_id, info="some")
