@@ -43,7 +43,7 @@ class InfoTable:
             limits: of time, where they differ from environment to environment, else None.
         """
         if mask is None:
-            values, steps = np.take(outcomes, self._rows, axis=0), steps.copy()
+            values, steps = outcomes.take(self._rows, axis=0), steps.copy()
         else:
             index = np.flatnonzero(mask)
             values, here = np.zeros((len(self._rows), self._num_envs)), steps
