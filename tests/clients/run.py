@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "compatibility.md"
 BEGIN, END = "<!-- table of tests/clients/run.py: begin -->", "<!-- table of tests/clients/run.py: end -->"
 TORCH = "torch==2.13.0"
-OF_WRAPPERS = ("array-api-compat==1.16.0", "moviepy==2.2.1", "opencv-python-headless==5.0.0.93")
+OF_WRAPPERS = ("array-api-compat==1.16.0", "packaging==26.3", "moviepy==2.2.1", "opencv-python-headless==5.0.0.93")
 REQUIREMENTS = {
     "gymnasium": [TORCH, "gymnasium==1.4.0", *OF_WRAPPERS],
     "rllib": [TORCH, "ray[rllib]==2.60.0"],
