@@ -5,9 +5,10 @@ each environment. A step makes a matrix of outcomes (state, observation, reward,
 of one column, the vector shell of n; both run the same machine code.
 """
 
+import hashlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from functools import cached_property
@@ -80,7 +81,7 @@ def _is_empty(info: Any) -> bool:
     """Whether there is no info: None, an empty dict, or several of them."""
     if info is None or isinstance(info, dict):
         return not info
-    return all(not one for one in info)
+    return isinstance(info, Sequence | np.ndarray) and all(one is None or one == {} for one in info)
 
 
 def sees_everything(observe: str) -> bool:
@@ -260,6 +261,13 @@ class Core(ABC):
     @abstractmethod
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """Arguments of `rendering.Scene` that depend on the mechanism."""
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """What tells this environment's states from those of others."""
+        parts = (self.design, self.randomization, self.dynamics, self.task, self.episodes.rows, self.outcomes.rows)
+        digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
+        return f"{type(self).__name__} {digest}"
 
     def set_spaces(self, observation_size: int, goal_size: int = 2, goal_bound: float | None = None) -> None:
         """Define the spaces; goals are within the reach [m], unless another bound is given."""
@@ -566,8 +574,12 @@ class Core(ABC):
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
         """Reward of the dense or sparse form for any goals, as `step` gives it. See `ManipulatorEnv.compute_reward`."""
+        achieved, desired, single = self._goals(achieved_goal, desired_goal)
+        if not len(achieved):
+            return np.zeros(0)
         if self.task.reward_type == "sparse" and self.task.goals_decide and _is_empty(info):
-            achieved, desired, single = self._goals(achieved_goal, desired_goal)
+            if isinstance(info, Sequence | np.ndarray) and len(info) != len(achieved):
+                raise ValueError(f"{len(info)} infos for {len(achieved)} goals: there must be one for each")
             error = self.error(np, tuple(achieved.T), tuple(desired.T))
             reward = np.where(error <= self.task.tolerance, 1.0, 0.0)
             return float(reward[0]) if single else reward
@@ -577,6 +589,8 @@ class Core(ABC):
 
     def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
         """Whether the episode failed in that step."""
+        if np.ndim(achieved_goal) == 2 and not len(achieved_goal):
+            return np.zeros(0, bool)
         outcomes, single = self._relabelled(achieved_goal, desired_goal, info)
         failed = outcomes[self.outcomes.rows.state.failure] != RUNNING
         return bool(failed[0]) if single else failed
@@ -584,7 +598,7 @@ class Core(ABC):
     def _relabelled(self, achieved_goal: Any, desired_goal: Any, info: Any) -> tuple[np.ndarray, bool]:
         """The outcomes with other goals, and whether there is one only, without a batch."""
         achieved, desired, single = self._goals(achieved_goal, desired_goal)
-        batch = self._infos(info, None if single else len(achieved))
+        batch = self.infos(info, None if single else len(achieved), self.reward_keys)
         episode = self.episode_of(batch, tuple(desired.T))
         episode = episode._replace(random=self.random_of(batch))
         n = len(achieved)
@@ -621,6 +635,8 @@ class Core(ABC):
                 f"goals of shapes {achieved.shape} and {desired.shape}: "
                 f"both must be {size} or (n, {size[0]}), in metres"
             )
+        if not (np.isfinite(achieved).all() and np.isfinite(desired).all()):
+            raise ValueError("goals: must be finite numbers")
         return np.atleast_2d(achieved), np.atleast_2d(desired), single
 
     @cached_property
@@ -632,26 +648,41 @@ class Core(ABC):
         keys += ["true_goal"] if self.randomization.is_noisy else []
         return keys
 
-    def _infos(self, info: Any, count: int | None) -> dict[str, np.ndarray]:
-        """The infos as one dict of arrays; a count of None stands for one without a batch."""
-        keys = self.reward_keys
-        infos = [info or {}] if isinstance(info, dict | None) and count is None else info
-        if not isinstance(infos, dict):
-            if (
-                infos is None
-                or len(infos) != (1 if count is None else count)
-                or any(key not in i for i in infos for key in keys)
-            ):
-                raise ValueError(
-                    f"compute_reward needs the info of every step (the {self.task.reward_type} reward of this task "
-                    "depends on more than the goals): with Stable-Baselines3, HerReplayBuffer(copy_info_dict=True)"
-                )
-            infos = {key: np.array([i[key] for i in infos]) for key in keys}
-        elif any(key not in infos for key in keys):
-            raise ValueError(
-                f"info lacks {[key for key in keys if key not in infos]}: pass the info that step returned"
-            )
-        return infos
+    def infos(self, info: Any, count: int | None, keys: list[str]) -> dict[str, np.ndarray]:
+        """Infos as one dict of arrays.
+
+        Args:
+            info: of one step, a dict; of several, a sequence of dicts or a dict of arrays.
+            count: how many there are; None for one without a batch.
+            keys: the entries that are needed.
+
+        Raises:
+            ValueError: entries are missing, or there are not so many.
+        """
+        n = 1 if count is None else count
+        missing = ValueError(
+            f"compute_reward needs the info of every step (the {self.task.reward_type} reward of this task "
+            "depends on more than the goals): with Stable-Baselines3, HerReplayBuffer(copy_info_dict=True)"
+        )
+        if info is None or (isinstance(info, dict) and not info):
+            raise missing
+        if isinstance(info, dict) and count is None:
+            info = [info]
+        if isinstance(info, dict):
+            if absent := [key for key in keys if key not in info]:
+                raise ValueError(f"info lacks {absent}: pass the info that step returned")
+            wanted = [*keys, *(["time_limit"] if "time_limit" in info else [])]
+            told = {key: np.asarray(info[key]) for key in wanted}
+            if wrong := [key for key, array in told.items() if array.shape[:1] != (n,)]:
+                raise ValueError(f"info: {wrong[0]!r} has not {n} values, one for each goal")
+            return told
+        if not isinstance(info, Sequence | np.ndarray) or isinstance(info, str):
+            raise ValueError(f"info = {info!r}: must be a dict, or a sequence of dicts, one for each goal")
+        if len(info) != n:
+            raise ValueError(f"{len(info)} infos for {n} goals: there must be one for each")
+        if any(not isinstance(one, dict) or key not in one for one in info for key in keys):
+            raise missing
+        return {key: np.array([one[key] for one in info]) for key in keys}
 
     def places(self, drawn: Drawn) -> Iterable[Any]:
         """Positions [m] of the nodes of planar arms at the start of episodes, for the frame of pictures."""

@@ -9,7 +9,7 @@ import numpy as np
 from tensegrity_envs.arms import core_of
 from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.core import Core
-from tensegrity_envs.episodes import EpisodeQueue
+from tensegrity_envs.episodes import EpisodeQueue, checked_options
 from tensegrity_envs.rendering import Scene, Viewer, checked_size, draw
 from tensegrity_envs.seeding import checked_episode, checked_seed
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State, termination_reason
@@ -95,25 +95,24 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             ValueError: a number that is no non-negative integer, an unknown option, a target or configuration that is
                 not feasible; the message says why.
         """
-        given = dict(options or {})
+        given = checked_options(options)
         episode = given.pop("episode", None)
         chosen = {name: self._chosen(name, given.pop(name, None)) for name in ("target", "configuration")}
         if given:
             raise ValueError(f"reset options {list(given)}: there are 'episode', 'target' and 'configuration'")
         episode = None if episode is None else checked_episode(episode)
-        super().reset(seed=None if seed is None else checked_seed(seed))
+        start = None if seed is None else checked_seed(seed)
         if self._queue is None:
+            super().reset(seed=start)
             self._queue = EpisodeQueue(self.core, np.array([self.np_random.integers(2**31)]), _AHEAD)
-        if seed is not None:
-            self._queue.restart(0, seed)
-        if episode is not None:
-            self._queue.restart(0, episode=episode)
         if all(value is None for value in chosen.values()):
+            self._go_to(start, episode)
             column, outcome = np.empty((self.core.episodes.size, 1)), np.empty((self.core.outcomes.size, 1))
             self._queue.begin(np.array([0]), column, outcome)
         else:
-            drawn = self.core.placed(self.core.draw(*self._queue.peek(0)), **chosen)
-            column, outcome = self.core.begin_drawn(drawn)
+            key = self._queue.peek(0, start, episode)
+            column, outcome = self.core.begin_drawn(self.core.placed(self.core.draw(*key), **chosen))
+            self._go_to(start, episode)  # not before it is known to be feasible
             self._queue.skip(0)
         self._episode, self._outcome = column, outcome
         self._values = self._outcome[:, 0].tolist()
@@ -124,6 +123,15 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         if self.render_mode == "human":
             self.render()
         return observation, info
+
+    def _go_to(self, seed: int | None, episode: int | None) -> None:
+        """Let the next episode be the given one."""
+        assert self._queue is not None
+        super().reset(seed=seed)
+        if seed is not None:
+            self._queue.restart(0, seed)
+        if episode is not None:
+            self._queue.restart(0, episode=episode)
 
     def _chosen(self, name: str, value: Any) -> Components | None:
         """An option of `reset` as components of shape (1,)."""
@@ -202,7 +210,12 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         """
         episodes = self._running()
         assert self._queue is not None
-        state = {"episode": episodes.copy(), "outcome": self._outcome.copy(), "steps": self._steps}
+        state: dict[str, Any] = {
+            "of": self.core.fingerprint,
+            "episode": episodes.copy(),
+            "outcome": self._outcome.copy(),
+        }
+        state["steps"] = self._steps
         return {**state, **self._queue.state()}
 
     def set_state(self, state: dict[str, Any]) -> None:
@@ -213,9 +226,10 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         """
         if self._queue is None:
             self._queue = EpisodeQueue(self.core, np.zeros(1, np.int64), _AHEAD)
-        shapes = [(self.core.episodes.size, 1), (self.core.outcomes.size, 1)]
-        if [getattr(state.get(name), "shape", None) for name in ("episode", "outcome")] != shapes:
-            raise ValueError("state: must be what get_state() of an environment of this id returned")
+        shapes = {"episode": (self.core.episodes.size, 1), "outcome": (self.core.outcomes.size, 1)}
+        self._queue.check(state, shapes, self.core.fingerprint)
+        if not isinstance(state.get("steps"), int):
+            raise ValueError("state: 'steps' must be a whole number, as get_state() returned it")
         self._episode, self._outcome, self._steps = state["episode"].copy(), state["outcome"].copy(), state["steps"]
         self._values = self._outcome[:, 0].tolist()
         self._queue.go_on(state)

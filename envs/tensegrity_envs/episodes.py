@@ -1,6 +1,6 @@
 """Episodes drawn ahead of their use: many at once cost little more than one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
@@ -10,6 +10,17 @@ from tensegrity_envs.compiler.jit import Compiled
 from tensegrity_envs.compiler.lowering import Integers, Matrix
 from tensegrity_envs.core import Core
 from tensegrity_envs.seeding import stored_seed
+
+
+def checked_options(options: Any) -> dict[str, Any]:
+    """A copy of the options of `reset`.
+
+    Raises:
+        ValueError: they are no dict.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"options = {options!r}: must be a dict, such as {{'episode': 3}}")
+    return dict(options or {})
 
 
 class EpisodeQueue:
@@ -41,9 +52,13 @@ class EpisodeQueue:
         self._left[index] = 0
         self._first = True  # whoever reseeds once may do so again: draw no more than is asked for
 
-    def peek(self, index: int) -> tuple[np.ndarray, np.ndarray]:
-        """Seed and number of the next episode of environment `index`, both of shape (1,)."""
-        return self._seeds[index : index + 1].copy(), (self._next - self._left)[index : index + 1]
+    def peek(self, index: int, seed: int | None = None, episode: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Seed and number, both of shape (1,), of the next episode of environment `index`, or of what `restart` with
+        this seed and episode would make it.
+        """
+        number = (self._next - self._left)[index] if seed is None else 0
+        own = self._seeds[index] if seed is None else stored_seed(seed)
+        return np.array([own], np.int64), np.array([number if episode is None else episode], np.int64)
 
     def skip(self, index: int) -> None:
         """Leave out the next episode of environment `index`."""
@@ -71,6 +86,27 @@ class EpisodeQueue:
     def state(self) -> dict[str, np.ndarray]:
         """What determines the coming episodes: the seeds, and the number of the next episode of each."""
         return {"seeds": self._seeds.copy(), "next_episodes": self._next - self._left}
+
+    def check(self, state: Any, shapes: Mapping[str, tuple[int, ...]], owner: str) -> None:
+        """Refuse what is no state that `get_state` told.
+
+        Args:
+            state: to be checked.
+            shapes: of the arrays that the shell adds.
+            owner: which environment this is.
+
+        Raises:
+            ValueError: it is not that, or the state of another environment; the message says which.
+        """
+        known: dict[str, tuple[tuple[int, ...], str]] = {name: (shape, "f8") for name, shape in shapes.items()}
+        known |= {name: (self._seeds.shape, "i8") for name in ("seeds", "next_episodes")}
+        if not isinstance(state, dict) or state.get("of") != owner:
+            whose = state.get("of") if isinstance(state, dict) else None
+            raise ValueError(f"state: must be what get_state() of {owner} returned, not of {whose or 'anything else'}")
+        for name, (shape, kind) in known.items():
+            array = state.get(name)
+            if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != kind:
+                raise ValueError(f"state: {name!r} must be an array of shape {shape}, as get_state() returned it")
 
     def go_on(self, state: dict[str, np.ndarray]) -> None:
         """Go on where `state` was told."""

@@ -10,6 +10,7 @@ from tensegrity_envs.seeding import EpisodeStream, uniform
 
 _FIRST_DRAW = 1 << 22  # beyond every draw of the episodes' starts and targets
 _KEYS = 2.0**53
+_LONGEST_DELAY = 200  # steps
 
 
 @dataclass(frozen=True)
@@ -50,16 +51,19 @@ class Randomization:
             try:
                 low, high = given
                 fine = bool(np.isfinite([low, high]).all()) and (low > 0 if above else low >= 0) and low <= high
-                fine &= name != "actuation_delay" or (int(low) == low and int(high) == high)
+                fine &= not (isinstance(low, bool) or isinstance(high, bool))
+                fine &= name != "actuation_delay" or (int(low) == low and int(high) == high and high <= _LONGEST_DELAY)
             except (TypeError, ValueError):
                 fine = False
             if not fine:
-                what = ("whole numbers, " if name == "actuation_delay" else "") + ("0 < " if above else "0 <= ")
+                what = f"whole numbers up to {_LONGEST_DELAY}, " if name == "actuation_delay" else ""
+                what += "0 < " if above else "0 <= "
                 raise ValueError(f"randomization: {name} = {given!r}: must be (low, high), {what}low <= high")
             object.__setattr__(self, name, tuple(given))
         for name in ("tip_noise", "angle_noise"):
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and np.isfinite(value) and value >= 0):
+            is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            if not (is_number and np.isfinite(value) and value >= 0):
                 raise ValueError(f"randomization: {name} = {value!r}: must be zero or positive")
 
     @classmethod

@@ -9,7 +9,7 @@ from gymnasium.vector.utils import batch_space
 
 from tensegrity_envs.arms import core_of
 from tensegrity_envs.core import Core, InfoEntry
-from tensegrity_envs.episodes import EpisodeQueue
+from tensegrity_envs.episodes import EpisodeQueue, checked_options
 from tensegrity_envs.rendering import checked_size
 from tensegrity_envs.seeding import checked_episode, checked_seed
 from tensegrity_envs.simulation.protocol import RUNNING, Episode
@@ -17,6 +17,7 @@ from tensegrity_envs.vector_info import InfoTable
 from tensegrity_envs.vector_rendering import Tiles
 
 _AHEAD = 4  # episodes drawn ahead for each environment
+_LONGEST = 2**31  # steps
 _INFOS = ("full", "goal", "none")
 
 
@@ -126,12 +127,14 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         Raises:
             ValueError: a seed list or mask of the wrong length, a number that is no whole one, an unknown option.
         """
-        given = dict(options or {})
-        stagger = bool(given.pop("stagger", False))
+        given = checked_options(options)
+        stagger = given.pop("stagger", False)
         mask = np.array(given.pop("reset_mask", np.ones(self.num_envs, bool)))
         episode = given.pop("episode", None)
         if given:
             raise ValueError(f"reset options {list(given)}: there are 'reset_mask', 'episode' and 'stagger'")
+        if not isinstance(stagger, bool):
+            raise ValueError(f"stagger = {stagger!r}: must be True or False")
         if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
             raise ValueError(f"reset_mask: must be a boolean array of shape ({self.num_envs},) with at least one True")
         if self._episodes is None and not mask.all():
@@ -147,6 +150,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
                 self._queue.restart(int(i), seeds[i], episodes[i] or 0)
         self._begin(np.flatnonzero(mask))
         self._ended[mask] = False
+        self._is_staggered &= not mask.all()
         if stagger and self.max_episode_steps is not None:
             self._is_staggered = True
             self._ahead_of_time[mask] = (np.arange(self.num_envs) * self.max_episode_steps // self.num_envs)[mask]
@@ -161,7 +165,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         """
         if given is None:
             return [None] * self.num_envs
-        if not isinstance(given, list | tuple | np.ndarray):
+        if not isinstance(given, list | tuple | np.ndarray) or np.ndim(given) == 0:
             return [check(given) + i * later for i in range(self.num_envs)]
         if len(given) != self.num_envs:
             raise ValueError(f"{len(given)} {what} for {self.num_envs} environments")
@@ -303,6 +307,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         episodes = self._running()
         assert self._queue is not None
         return {
+            "of": f"{self.num_envs} x {self.core.fingerprint}",
             "episodes": episodes.copy(),
             "outcomes": self._outcomes.copy(),
             "steps": self._steps.copy(),
@@ -320,9 +325,15 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         """
         if self._queue is None:
             self._queue = EpisodeQueue(self.core, np.zeros(self.num_envs, np.int64), _AHEAD)
-        shapes = [(self.core.episodes.size, self.num_envs), (self.core.outcomes.size, self.num_envs)]
-        if [getattr(state.get(name), "shape", None) for name in ("episodes", "outcomes")] != shapes:
-            raise ValueError(f"state: must be what get_state() of {self.num_envs} environments of this id returned")
+        n = self.num_envs
+        shapes = {"episodes": (self.core.episodes.size, n), "outcomes": (self.core.outcomes.size, n)}
+        self._queue.check(state, shapes, f"{n} x {self.core.fingerprint}")
+        for name, kind in (("steps", "i"), ("ahead_of_time", "i"), ("ended", "b")):
+            array = state.get(name)
+            if not isinstance(array, np.ndarray) or array.shape != (n,) or array.dtype.kind != kind:
+                raise ValueError(f"state: {name!r} must be an array of shape ({n},), as get_state() returned it")
+        if not isinstance(state.get("is_staggered"), bool):
+            raise ValueError("state: 'is_staggered' must be a truth, as get_state() returned it")
         self._episodes, self._outcomes = state["episodes"].copy(), state["outcomes"].copy()
         self._steps, self._ahead_of_time = state["steps"].copy(), state["ahead_of_time"].copy()
         self._is_staggered, self._ended = state["is_staggered"], state["ended"].copy()
@@ -351,11 +362,15 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         """See `ManipulatorEnv.compute_terminated`; `info` may also be the dict of arrays that `step` returns."""
         return self.core.compute_terminated(achieved_goal, desired_goal, info)
 
-    def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: dict[str, Any]) -> Any:
-        """Whether that step reached the time limit; `info` is the dict of arrays that `step` returns."""
+    def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+        """Whether that step reached the time limit. Arguments as for `compute_reward`."""
+        single = np.ndim(achieved_goal) == 1
         if self.max_episode_steps is None:
-            return np.zeros(len(achieved_goal), bool)
-        return np.asarray(info["step"]) >= info.get("time_limit", self.max_episode_steps)
+            return False if single else np.zeros(len(achieved_goal), bool)
+        told = self.core.infos(info, None if single else len(achieved_goal), ["step"])
+        limits = told.get("time_limit", self.max_episode_steps)
+        reached = np.asarray(told["step"]) >= limits
+        return bool(reached[0]) if single else reached
 
 
 def step_info(info: dict[str, Any]) -> dict[str, Any]:
@@ -389,8 +404,10 @@ def checked_limit(max_episode_steps: int | None) -> int | None:
     if max_episode_steps is None or max_episode_steps == -1:
         return None
     is_whole = isinstance(max_episode_steps, int | np.integer) and not isinstance(max_episode_steps, bool)
-    if not is_whole or max_episode_steps < 1:
-        raise ValueError(f"max_episode_steps = {max_episode_steps!r}: must be a positive whole number, or -1 for none")
+    if not is_whole or not 1 <= max_episode_steps <= _LONGEST:
+        raise ValueError(
+            f"max_episode_steps = {max_episode_steps!r}: must be a whole number from 1 to {_LONGEST}, or -1 for none"
+        )
     return int(max_episode_steps)
 
 

@@ -104,3 +104,22 @@ def test_a_chosen_episode_takes_the_place_of_a_drawn_one():
 def test_ranges_that_are_none_are_refused(env_id, name, given):
     with pytest.raises(ValueError, match=f"{name} = .*must be"):
         gym.make(f"tensegrity/{env_id}-v0", **{name: given})
+
+
+@pytest.mark.parametrize("options", [{"target": (50.0, 50.0)}, {"target": (50.0, 50.0), "episode": 7}])
+def test_a_refused_reset_changes_nothing_whatever_seed_comes_with_it(options):
+    env, twin = make("TwoXReach"), make("TwoXReach")
+    for environment in (env, twin):
+        environment.reset(seed=0)
+    with pytest.raises(ValueError, match="target"):
+        env.reset(seed=5, options=options)
+    np.testing.assert_array_equal(env.reset()[0]["desired_goal"], twin.reset()[0]["desired_goal"])
+
+
+def test_a_chosen_episode_keeps_what_its_seed_and_number_have_drawn():
+    env, twin = make("TwoXReach"), make("TwoXReach")
+    chosen, _ = env.reset(seed=5, options={"episode": 3, "target": (0.1, 0.45)})
+    twin.reset(seed=5)
+    drawn, _ = twin.reset(options={"episode": 3})
+    np.testing.assert_array_equal(chosen["achieved_goal"], drawn["achieved_goal"])
+    np.testing.assert_array_equal(env.reset()[0]["desired_goal"], twin.reset()[0]["desired_goal"])

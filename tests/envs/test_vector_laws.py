@@ -40,8 +40,8 @@ def assert_same(ours, theirs, where=""):
         assert ours.dtype == object, where
         for mine, other in zip(ours, theirs, strict=True):
             assert_same(mine, other, where)
-    elif theirs is None:
-        assert ours is None, where
+    elif theirs is None or isinstance(theirs, str):
+        assert ours == theirs, where
     else:
         assert ours.dtype == theirs.dtype, (where, ours.dtype, theirs.dtype)
         np.testing.assert_array_equal(ours, theirs, err_msg=where)
@@ -433,3 +433,78 @@ def test_less_info_is_a_part_of_it(env_id):
         np.testing.assert_allclose(base.compute_reward(*goals, info), reward, atol=1e-9)
     with pytest.raises(ValueError, match=r"info = 'some'.*'full', 'goal', 'none'"):
         make_vec(env_id, info="some")
+
+
+def test_states_of_others_are_refused_and_change_nothing():
+    env, other = gym.make(IDS[0]).unwrapped, gym.make(IDS[0], design={"b": 0.06}).unwrapped
+    env.reset(seed=0)
+    other.reset(seed=0)
+    state = env.get_state()
+    damaged = [{**state, "steps": 1.5}, {**state, "episode": state["episode"].astype(np.float32)}, None, 5, {}]
+    damaged += [{name: value for name, value in state.items() if name != gone} for gone in state]
+    for bad in (other.get_state(), make_vec(IDS[0], 1).unwrapped.core, *damaged):
+        with pytest.raises(ValueError, match="state"):
+            env.set_state(bad)
+    for mine, kept in zip(env.get_state().values(), state.values(), strict=True):
+        np.testing.assert_array_equal(mine, kept)
+    envs = make_vec(IDS[0], 3).unwrapped
+    envs.reset(seed=0)
+    states = envs.get_state()
+    for bad in ({**states, "steps": np.zeros(7, int)}, {**states, "ended": None}, {**states, "seeds": None}, state):
+        with pytest.raises(ValueError, match="state"):
+            envs.set_state(bad)
+
+
+def test_infos_in_all_their_forms():
+    envs = make_vec(IDS[1], 3, autoreset_mode="SameStep").unwrapped
+    envs.reset(seed=0)
+    observation, reward, _, truncated, info = envs.step(np.zeros(envs.action_space.shape))
+    goals = observation["achieved_goal"], observation["desired_goal"]
+    lists = {name: value.tolist() for name, value in info.items() if not name.startswith("_")}
+    each = [{name: value[i] for name, value in info.items() if not name.startswith("_")} for i in range(3)]
+    for form in (info, lists, each, np.array(each, object), tuple(each)):
+        np.testing.assert_allclose(envs.compute_reward(*goals, form), reward, atol=1e-9)
+        np.testing.assert_array_equal(envs.compute_truncated(*goals, form), truncated)
+    assert envs.compute_truncated(goals[0][0], goals[1][0], each[0]) == truncated[0]
+    assert envs.compute_reward(goals[0][:0], goals[1][:0], []).shape == (0,)
+    for form, message in (
+        (each[:2], "2 infos for 3 goals"),
+        ([*each[:2], None], "copy_info_dict"),
+        ([None] * 3, "copy_info_dict"),
+        (each[0], "not 3 values"),
+        ({"step": info["step"]}, "info lacks"),
+        (5, "must be a dict"),
+        (None, "copy_info_dict"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            envs.compute_reward(*goals, form)
+    with pytest.raises(ValueError, match="finite"):
+        envs.compute_reward(np.full_like(goals[0], np.nan), goals[1], info)
+
+
+def test_a_plain_reset_forgets_staggered_limits():
+    envs = make_vec(IDS[0], 4)
+    assert "time_limit" in envs.reset(seed=0, options={"stagger": True})[1]
+    assert "time_limit" not in envs.reset(seed=0)[1]
+    for options in ({"stagger": "no"}, "stagger", 5):
+        with pytest.raises(ValueError, match=r"stagger|options"):
+            envs.reset(options=options)
+
+
+def test_numbers_that_are_none_are_refused_by_name():
+    for options, message in (
+        ({"randomization": {"actuation_delay": [0, 10**9]}}, "up to 200"),
+        ({"randomization": {"tip_noise": True}}, "tip_noise"),
+        ({"randomization": {"stiffness": [True, True]}}, "stiffness"),
+        ({"reward_weights": 3}, "reward_weights"),
+        ({"reward_weights": {"distance": "a"}}, "distance"),
+        ({"max_episode_steps": 2**70}, "max_episode_steps"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make_vec(IDS[0], 2, **options)
+    with pytest.raises(TypeError, match="base = 5"):
+        gym.make(IDS[0], design={"base": 5})
+    assert gym.make(IDS[0], randomization={"tip_noise": np.float32(0.001)})
+    single, _ = gym.make(IDS[0]).reset(seed=2**64 - 1)
+    batch, _ = make_vec(IDS[0], 1).reset(seed=np.uint64(2**64 - 1))
+    np.testing.assert_array_equal(single["desired_goal"], batch["desired_goal"][0])

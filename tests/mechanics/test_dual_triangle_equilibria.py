@@ -1,6 +1,7 @@
 """Equilibria of arms and segments that violate condition (2), of cables, and of tensors."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -140,3 +141,19 @@ def test_tensors_in_batches():
     assert found.is_stable.tolist() == [True] * 5
     found.configuration[0].sum().backward()
     assert torch.isfinite(fx.grad).all()
+
+
+@pytest.mark.parametrize("springs", ["bilateral", "cable"])
+@pytest.mark.parametrize("free", [0.0, 0.01])
+@pytest.mark.parametrize("load", [(0.0, 0.0), (0.5, 0.3)])
+def test_springs_that_all_but_hold_nothing_give_an_answer(springs, free, load):
+    """Equal heights and widths, no free length: the torque is zero at every angle."""
+    arm = DualTriangle(SYMMETRIC(1, 1, 1, free, springs), 2)
+    found = arm.equilibria((0.0,) * 4, load)
+    assert all(np.linalg.norm(arm.energy_gradient(e.configuration, (0.0,) * 4, load)) < 1e-9 for e in found)
+    if any(load):  # the arm points along the force
+        assert [e.is_stable for e in found] == [True]
+        np.testing.assert_allclose(found[0].configuration, (math.atan2(0.3, 0.5), 0.0), atol=1e-6)
+    else:
+        assert found
+        assert not any(e.is_stable for e in found)

@@ -51,6 +51,8 @@ def resolve_design(given: D | Mapping[str, Any] | str | None, default: D) -> D:
     base = fields.pop("base", default)
     if isinstance(base, str):
         base = _published(base, kind)
+    if not isinstance(base, kind):
+        raise TypeError(f"design: base = {base!r}: must be one of {', '.join(_names(kind))}")
     known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
     for name in fields:
         if name not in known:
@@ -58,7 +60,7 @@ def resolve_design(given: D | Mapping[str, Any] | str | None, default: D) -> D:
                 f"design: {kind.__name__} has no field {name!r}{_hint(name, known)}; there are {', '.join(known)}, "
                 "and 'base', the name of a published design"
             )
-    return dataclasses.replace(base, **fields)  # type: ignore[no-any-return]
+    return dataclasses.replace(base, **fields)  # type: ignore[type-var]
 
 
 def name_of(design: Any) -> str | None:

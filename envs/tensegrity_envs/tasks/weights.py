@@ -1,5 +1,6 @@
 """Weights of the rewards' terms, each zero or positive; a term scores between 0 and 1 before it is weighted."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
@@ -20,7 +21,8 @@ class Weights:
         """
         for field in fields(self):
             value = getattr(self, field.name)
-            if not (np.isscalar(value) and np.isfinite(value) and value >= 0):  # type: ignore[operator]
+            is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            if not (is_number and np.isfinite(value) and value >= 0):
                 raise ValueError(f"reward weight {field.name} = {value!r}: must be a finite number, zero or positive")
 
     @classmethod
@@ -32,6 +34,8 @@ class Weights:
         """
         if isinstance(weights, cls):
             return weights
+        if not isinstance(weights, Mapping | None):
+            raise ValueError(f"reward_weights = {weights!r}: must be a dict such as {{'success': 1.0}}")
         known = [field.name for field in fields(cls)]
         for name in weights or {}:
             if name not in known:

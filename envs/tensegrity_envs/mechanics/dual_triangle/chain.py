@@ -406,10 +406,10 @@ class DualTriangle:
     ) -> list[_equilibrium.Equilibrium]:
         """All equilibria strictly inside the joint limits, stable and unstable, sorted by configuration.
 
-        By shooting from the tip to the base over all monotone stretches of the segments' torques, and Newton's method
-        (`shooting.py`): thorough, not a proof. For cables Newton's method also starts all over the box of angles, since
-        the chain of moments breaks where both cables of a segment are slack; of equilibria without any stiffness, which
-        form a continuum, one is given, as unstable.
+        By intervals from the tip to the base, which exclude all that holds none (`shooting.py`), and Newton's method;
+        without a load, by the segments' own. Of equilibria without any stiffness, which form a continuum, one is given,
+        as unstable. Where very many boxes can neither be excluded nor told apart (springs that all but hold nothing),
+        Newton's method starts from some of them, which need not lead to all.
 
         Args:
             free_lengths: 2 n of them [m].
@@ -422,7 +422,7 @@ class DualTriangle:
         check_finite("free_lengths", free_lengths, 2 * self.segments)
         check_finite("load", load, 2)
         points = candidates(self, free_lengths, load)
-        if self.design.springs == "cable":
+        if self.design.springs == "cable" and any(load):
             points = np.concatenate([points, grid_of_starts(self)], axis=1)
         found: list[_equilibrium.Equilibrium] = []
         neutral = False

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 _CELLS = 64
 _LARGEST_CLUSTER = 1e-2  # [rad]
 _ROUNDING = 8 * 2.0**-52  # of a torque, relative to the sum of what it is computed from
+_MOST_CELLS = 400_000  # undecided ones
 _UNDECIDED = 1e-7  # [rad]
 _NARROWEST = 1e-9  # [rad]: what is left undecided at this width is a double root, or none
 
@@ -75,6 +76,9 @@ def stretches(segment: DualTriangleSegment, free_lengths: tuple[float, float]) -
         known = (sign != 0) | ((least == 0) & (most == 0))
         pieces += zip(low[known].tolist(), high[known].tolist(), sign[known].tolist(), strict=True)
         left = ~known & (high - low > _UNDECIDED)
+        if left.sum() > _MOST_CELLS:  # the torque is (all but) constant there: as if both cables were slack
+            pieces += [(a, b, 0) for a, b in zip(low[left].tolist(), high[left].tolist(), strict=True)]
+            break
         low, high = _halved(low[left], high[left])
     found: list[Stretch] = []
     for a, b, kind in sorted(pieces):
@@ -127,7 +131,11 @@ def roots(segment: DualTriangleSegment, free_lengths: tuple[float, float], momen
         left = ~monotone & ~idle & ~empty
         narrow = left & (half < _NARROWEST)
         doubtful += middle[narrow & (at_middle < 1e-12 * size)].tolist()
-        low, high = _halved(low[left & ~narrow], high[left & ~narrow])
+        left &= ~narrow
+        if left.sum() > _MOST_CELLS:  # nothing but rounding: every angle there is in equilibrium
+            neutral += [(a, b) for a, b in zip(low[left].tolist(), high[left].tolist(), strict=True)]
+            break
+        low, high = _halved(low[left], high[left])
     for start, end in _merged(sorted(neutral)):
         found = [q for q in found if not start - 1e-9 <= q <= end + 1e-9]
         found.append((start + end) / 2)

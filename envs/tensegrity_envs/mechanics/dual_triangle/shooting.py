@@ -11,6 +11,7 @@ own, with an interval of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
 _CELLS = 64  # that the range of phi_n is divided into at first
 _PARTS = 4  # that a box is divided into in every round
 _SMALL = 2e-5  # [rad]: boxes of this width are handed to Newton's method
-_MOST_BOXES = 400_000
+_MOST_BOXES = 150_000
+_MOST_POINTS = 3000  # of boxes that are divided no further
 _TABLE = 256  # points of a stretch, between which its inverse is bracketed
 _TIGHT = 4e-16  # relative: outward rounding
 
@@ -210,9 +212,13 @@ def _joined(parts: Sequence[_Boxes]) -> _Boxes:
 def candidates(arm: DualTriangle, free_lengths: Sequence[float], load: Sequence[float]) -> np.ndarray:
     """Configurations next to every equilibrium, shape (n, any number).
 
-    Raises:
-        RuntimeError: there are too many boxes that may hold one: equilibria that form a continuum.
+    Without a load the segments do not know of one another. Where too many boxes may hold an equilibrium (they form a
+    continuum, or nearly so), points of these boxes are given, which need not lead to all.
     """
+    if not any(load):
+        pairs = zip(free_lengths[::2], free_lengths[1::2], strict=True)
+        each = [[e.configuration[0] for e in arm.segment.equilibria(pair)] for pair in pairs]
+        return np.array(list(product(*each))).reshape(-1, arm.segments).T
     shooter = _Shooter(arm, free_lengths, load)
     boxes, found, steps = shooter.seed(), [np.empty((arm.segments, 0))], 1
     while boxes.phi.shape[1]:
@@ -221,7 +227,9 @@ def candidates(arm: DualTriangle, free_lengths: Sequence[float], load: Sequence[
         found += [q[:, :, small].mean(axis=0)]
         rest = boxes.take(np.flatnonzero(fine & ~small))
         if rest.phi.shape[1] * _PARTS > _MOST_BOXES:
-            raise RuntimeError(f"equilibria of {arm.design} that form a continuum, or nearly so: no end of dividing")
+            middles = q[:, :, fine & ~small].mean(axis=0)
+            found.append(middles[:, :: -(-middles.shape[1] // _MOST_POINTS)])
+            break
         boxes = shooter.divided(rest)
         steps = min(steps + 2, 12)
     return _thinned(np.concatenate(found, axis=1))
