@@ -209,3 +209,20 @@ def test_inverse_solutions_where_circles_touch(angle):
     for scale in (1.0, 1 - 1e-16, 1 + 1e-16):
         found = FOUR_BAR.inverse_kinematics(length + scale * (x - length), scale * y)
         assert [s for s in found if s.residual < 1e-6 * length], angle
+
+
+@pytest.mark.parametrize(
+    ("closeness", "limit", "q"),
+    [
+        (1e-9, math.pi / 2, (0.015707524711997323, 0.0)),
+        (1e-9, 2.6, (2.5999999, 0.001)),
+        (1e-6, math.pi / 2, (-math.pi / 2, -math.pi / 2)),
+        (1e-9, math.pi / 2, (-math.pi / 2, -math.pi / 2)),
+    ],
+)
+def test_singular_poses_and_limits_of_nearly_equal_bars(closeness, limit, q):
+    """Plain arms: a point of the cluster of solutions around q is found."""
+    design = TwoXDesign(
+        b=1 - closeness, l=1.0, a=0.0, k1=1.0, k2=1.0, min_tension=0.0, max_tension=1.0, joint_limit=limit
+    )
+    assert not lost(TwoX(design), [q], tolerance=1e-3)

@@ -30,6 +30,7 @@ _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
 _FULL_TURN = 4 * math.pi  # of alpha, since theta = alpha / 2 runs once around
 _BARS = "A1 C1, B1 D1, D1 C1, D1 A2, D1 B2, C1 B2, A2 B2, A2 C2, B2 D2, D2 C2, D2 P, C2 P"
 _NEARLY_SINGULAR = 2e-3  # 1 - (b/l)^2, where the polynomial is not enough
+_GRID = 25  # starts along each joint, for nearly equal bars
 _ROUNDING = 1e-6  # [rad] by which rounding may carry a double root beyond a joint limit
 _SAMPLES = 16  # of the trigonometric polynomial of the inverse kinematics; 9 would determine it
 
@@ -646,7 +647,8 @@ class TwoX:
         keep = (residual < 1e-12 * self.reach) & self.is_within_limits((a1, a2))
         if self.design.joint_limit <= math.pi:  # which leaves the flat poses out
             keep &= np.maximum(np.abs(a1), np.abs(a2)) < math.pi - 1e-9
-        order = np.lexsort((a2[keep], a1[keep], owner[keep]))
+        equal_bars = self._excess < _NEARLY_SINGULAR * self.design.l**2  # many candidates, the best of which are kept
+        order = np.lexsort((residual[keep], owner[keep]) if equal_bars else (a2[keep], a1[keep], owner[keep]))
         owner, a1, a2, residual = (values[keep][order] for values in (owner, a1, a2, residual))
         # Candidates that arrived at the same solution differ by rounding, sqrt(eps) at a double root.
         new = np.ones(len(owner), bool)
@@ -656,12 +658,16 @@ class TwoX:
                 break
             gap = _angle_gap(a1[lag:], a1[:-lag]) + _angle_gap(a2[lag:], a2[:-lag])
             one = gap <= 1e-6
-            near = np.flatnonzero(same & ~one & (gap < 1e-5))  # of a double root: what lies between is as good
+            near = np.flatnonzero(
+                same & ~one & (gap < 1e-5) & ~equal_bars
+            )  # of a double root: what lies between is as good
             px, py = self.tip(tuple((a[lag:][near] + a[:-lag][near]) / 2 for a in (a1, a2)))
             between = np.hypot(px - x[owner[lag:][near]], py - y[owner[lag:][near]])
             one[near] = between <= np.maximum(residual[lag:][near], residual[:-lag][near])
             new[lag:] &= ~same | ~one
-        return owner[new], (a1[new], a2[new]), residual[new]
+        kept = np.flatnonzero(new)
+        kept = kept[np.lexsort((a2[kept], a1[kept], owner[kept]))]
+        return owner[kept], (a1[kept], a2[kept]), residual[kept]
 
     def _onto_limits(
         self, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray
@@ -758,9 +764,8 @@ class TwoX:
         polynomial = product(turned, _SAMPLES_TO_POLYNOMIAL)
         owner, t = real_roots(polynomial)
         a1 = self._from_anomaly(psi[top[owner]] + math.pi + 2 * np.arctan(t))
-        if (
-            flatness < _NEARLY_SINGULAR
-        ):  # the anomalies of all but the smallest angles are next to pi / 2: ill-conditioned
+        # Ill-conditioned where the bars are nearly equal: all but the smallest angles have anomalies next to pi / 2.
+        if flatness < _NEARLY_SINGULAR:
             more = self._scanned(x, y)
             owner, a1 = np.concatenate([owner, more[0]]), np.concatenate([a1, more[1]])
         dx, dy, dd = self._beyond_joint_1(x[owner], y[owner], a1)
@@ -773,11 +778,17 @@ class TwoX:
         node = np.flatnonzero(np.abs(u) < 1e-3 * l * l)
         fold = 2 * np.arccos(np.clip(rc[node] / np.sqrt(rr[node] + 1e-300), -1.0, 1.0))
         owner = within[owner]
-        return (
+        owner, a1, a2 = (
             np.concatenate([owner, owner[node], owner[node]]),
             np.concatenate([a1, a1[node], a1[node]]),
             np.concatenate([a2, fold, -fold]),
         )
+        if flatness < _NEARLY_SINGULAR:  # and alpha_2 from alpha_1 is ill-conditioned at singularities and limits
+            axis = np.linspace(-self.design.joint_limit, self.design.joint_limit, _GRID)
+            grid = [part.ravel() for part in np.meshgrid(axis, axis)]
+            owner = np.concatenate([owner, np.repeat(within, _GRID**2)])
+            a1, a2 = (np.concatenate([a, np.tile(part, len(within))]) for a, part in zip((a1, a2), grid, strict=True))
+        return owner, a1, a2
 
     def _off_curve(self, dy: np.ndarray, dd: np.ndarray) -> np.ndarray:
         """0 where joint 2 can reach the target; see `_candidates`."""
