@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tensegrity_envs
-from tensegrity_envs.compiler import machine, store
+from tensegrity_envs.compiler import store
 from tensegrity_envs.compiler.kernel import Kernel, evaluate
 from tensegrity_envs.compiler.numbers import Lifting, Number
 from tensegrity_envs.compiler.pytree import Schema
@@ -24,7 +24,6 @@ def compiled(monkeypatch, tmp_path):
     monkeypatch.setattr(
         store, "fetch", lambda key, version, make: fetch(key, version, lambda: made.append(key) or make())
     )
-    monkeypatch.setattr(machine, "to_object", machine.to_object)
     return made
 
 
