@@ -18,6 +18,7 @@ LAYERS = [
     "simulation",
     "tasks",
     "core",
+    "environments",
     "arms",
     "episodes",
     "env",

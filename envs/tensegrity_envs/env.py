@@ -6,9 +6,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from tensegrity_envs.arms import core_of
 from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.core import Core
+from tensegrity_envs.environments import core_of
 from tensegrity_envs.episodes import EpisodeQueue, checked_options
 from tensegrity_envs.rendering import Scene, Viewer, checked_size, draw
 from tensegrity_envs.seeding import checked_episode, checked_seed
@@ -32,7 +32,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
     every weighted term of the reward as reward_<name>.
 
     Args:
-        arm: the name of the environment's core in `arms.ARMS`, such as "TwoXReach", or a `Core` class of your own.
+        arm: the name of its core in `environments.ARMS`, such as "TwoXReach", or a `Core` class of your own.
         render_mode: None, "rgb_array" or "human".
         render_size: side of the picture, or (width, height) [pixels].
         **options: of the core.

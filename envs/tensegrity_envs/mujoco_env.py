@@ -12,7 +12,7 @@ class MujocoManipulatorEnv(ManipulatorEnv):
     """See `ManipulatorEnv`; pictures are MuJoCo's own, with cables and springs coloured by tension.
 
     Args:
-        arm: the name of the environment's core in `arms.ARMS`, or a `Core` class of your own.
+        arm: the name of the environment's core in `environments.ARMS`, or a `Core` class of your own.
         render_mode: None, "rgb_array", "depth_array" (distances from the camera [m], float32) or "human" (MuJoCo's
             viewer).
         render_size: side of the picture, or (width, height) [pixels].

@@ -11,7 +11,7 @@ class Entry(NamedTuple):
     Attributes:
         id: Gymnasium id.
         summary: one line, for listings.
-        arm: name of its core in `arms.ARMS`.
+        arm: name of its core in `environments.ARMS`.
         options: keyword arguments of the core, as JSON has them: lists, no tuples, so that specs survive `to_json`.
         max_episode_steps: time limit.
     """

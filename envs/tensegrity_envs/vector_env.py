@@ -7,8 +7,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from tensegrity_envs.arms import core_of
 from tensegrity_envs.core import Core, InfoEntry
+from tensegrity_envs.environments import core_of
 from tensegrity_envs.episodes import EpisodeQueue, checked_options
 from tensegrity_envs.rendering import checked_size
 from tensegrity_envs.seeding import checked_episode, checked_seed
@@ -36,7 +36,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
     Nothing that is handed out is the environment's own memory.
 
     Args:
-        arm: the name of the environments' core in `arms.ARMS`, such as "TwoXReach", or a `Core` class of your own.
+        arm: the name of their core in `environments.ARMS`, such as "TwoXReach", or a `Core` class of your own.
         num_envs: number of environments.
         max_episode_steps: truncation; None or -1 for none.
         autoreset_mode: "NextStep", "SameStep", "Disabled", or a `gymnasium.vector.AutoresetMode`. Only the strings

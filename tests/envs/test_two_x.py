@@ -9,7 +9,7 @@ from scipy import ndimage
 
 import tensegrity_envs  # noqa: F401
 from tensegrity_envs import termination_reason
-from tensegrity_envs.arms.two_x_sampling import Sampler
+from tensegrity_envs.environments.two_x.sampling import Sampler
 from tensegrity_envs.mechanics import MURALIDHARAN2022, TwoX
 from tensegrity_envs.seeding import uniform
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import eigh
 
-from tensegrity_envs.arms.planar_four_bar import DYNAMICS as FOUR_BAR_DYNAMICS
-from tensegrity_envs.arms.spatial_prism import DYNAMICS as PRISM_DYNAMICS
+from tensegrity_envs.environments.planar_four_bar.reach import DYNAMICS as FOUR_BAR_DYNAMICS
+from tensegrity_envs.environments.spatial_prism.track import DYNAMICS as PRISM_DYNAMICS
 from tensegrity_envs.mechanics import PlanarFourBar, SpatialPrism
 from tensegrity_envs.simulation.mujoco import MujocoModel
 from tensegrity_envs.simulation.skeleton import FourBarSkeleton

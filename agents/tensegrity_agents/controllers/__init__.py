@@ -17,7 +17,7 @@ from tensegrity_envs.core import Core
 
 __all__ = ["BASELINES", "DYNAMIC", "baselines_of", "make_controller"]
 
-# By the name of the environment's arm (tensegrity_envs.arms), then by their own: how to make each for a core.
+# By the name of the environment's arm (tensegrity_envs.environments), then by their own: how to make each for a core.
 BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
     "TwoXReach": {
         "closed_form_ik": two_x.ClosedFormIK,

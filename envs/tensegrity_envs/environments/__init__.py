@@ -3,12 +3,11 @@
 import inspect
 from difflib import get_close_matches
 
-from tensegrity_envs.arms.dual_triangle import DualTrianglePush, DualTriangleReach
-from tensegrity_envs.arms.planar_four_bar import PlanarFourBarReach
-from tensegrity_envs.arms.spatial_prism import SpatialPrismTrack
-from tensegrity_envs.arms.two_x import TwoXReach
-from tensegrity_envs.arms.two_x_posture import TwoXPostureChange
 from tensegrity_envs.core import Core
+from tensegrity_envs.environments.dual_triangle import DualTrianglePush, DualTriangleReach
+from tensegrity_envs.environments.planar_four_bar import PlanarFourBarReach
+from tensegrity_envs.environments.spatial_prism import SpatialPrismTrack
+from tensegrity_envs.environments.two_x import TwoXPostureChange, TwoXReach
 
 ARMS: dict[str, type[Core]] = {
     arm.__name__: arm

@@ -6,9 +6,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tensegrity_envs.arms.spatial_prism_sampling import GRAVITY, HARMONICS, Sampler
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.core import Core, Drawn, check_backend, scaled_tolerance, sees_everything, squashed
+from tensegrity_envs.environments.spatial_prism.sampling import GRAVITY, HARMONICS, Sampler
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.spatial_prism import JAHROMY, SpatialPrism, SpatialPrismDesign
 from tensegrity_envs.randomization import Randomization

@@ -6,9 +6,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tensegrity_envs.arms.two_x_sampling import Sampler, feasible_solutions
 from tensegrity_envs.compiler.namespace import Component, Components, to_single
 from tensegrity_envs.core import Core, Drawn, check_backend, scaled_tolerance, sees_everything, tip_inputs_and_angles
+from tensegrity_envs.environments.two_x.sampling import Sampler, feasible_solutions
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
 from tensegrity_envs.randomization import Randomization

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tensegrity_envs.arms.two_x_detours import detours_of
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.core import Core, Drawn
+from tensegrity_envs.environments.two_x.detours import detours_of
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.two_x import FURET2018, TwoX, TwoXDesign
 from tensegrity_envs.randomization import Randomization

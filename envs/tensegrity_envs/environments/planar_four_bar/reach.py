@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tensegrity_envs.arms.planar_four_bar_sampling import Sampler
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.core import (
     Core,
@@ -17,6 +16,7 @@ from tensegrity_envs.core import (
     squashed,
     tip_inputs_and_angles,
 )
+from tensegrity_envs.environments.planar_four_bar.sampling import Sampler
 from tensegrity_envs.mechanics.design import take
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign

@@ -1,0 +1,122 @@
+"""The dual-triangle arm that holds against a push."""
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from tensegrity_envs.compiler.namespace import Components, to_single
+from tensegrity_envs.core import Drawn, scaled_tolerance, sees_everything
+from tensegrity_envs.environments.dual_triangle.arm import SEGMENTS, DualTriangleCore
+from tensegrity_envs.environments.dual_triangle.holding import HoldSampler
+from tensegrity_envs.mechanics.designs import resolve_design
+from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
+from tensegrity_envs.randomization import Randomization
+from tensegrity_envs.seeding import EpisodeStream
+from tensegrity_envs.simulation.protocol import Episode
+from tensegrity_envs.simulation.quasi_static import FreeLengthControl
+from tensegrity_envs.tasks import Hold, HoldWeights
+
+_TARGETS = (5.0, 5.9)  # along x, in b
+
+
+class DualTrianglePush(DualTriangleCore):
+    """Hold the tip on a target while an axial force that is not observed grows.
+
+    The force is in -x and grows linearly, from 0 to 0.3 k b in 150 steps; the inputs are all six free lengths, within
+    0 and 1.5 times the nominal one. An episode ends where the arm loses stability or its joint limits, or the tip its
+    tolerance. Score: the force at that moment, divided by the straight arm's critical load at the nominal free length;
+    success from 1 on.
+
+    Args:
+        design: of the arm, by default ZHAO2021_CAPTION; its springs must be bilateral. See
+            `mechanics.designs.resolve_design`.
+        load_per_step: how much the force grows in a step, divided by k b.
+        observe: "full", or "tip_and_inputs" (no joint angles, no margins).
+        reward_type: "dense" or "sparse".
+        reward_weights: of the dense reward, by name; those left out keep their default.
+        tolerance: the episode ends beyond this distance [m]; by default 6 mm at the published size, growing with it.
+        randomization: there is nothing to randomize yet: None.
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+        TypeError: `design` is not a design.
+    """
+
+    input_name = "free_lengths"
+    hidden_names = ()
+    control = "free_lengths"
+
+    def __init__(
+        self,
+        design: DualTriangleDesign | Mapping[str, Any] | str | None = None,
+        load_per_step: float = 0.3 / 150,
+        observe: Literal["full", "tip_and_inputs"] = "full",
+        reward_type: Literal["dense", "sparse"] = "dense",
+        reward_weights: dict[str, float] | HoldWeights | None = None,
+        tolerance: float | None = None,
+        randomization: Randomization | Mapping[str, Any] | None = None,
+    ) -> None:
+        self.randomization = Randomization.given(randomization, (), "a push")
+        design = resolve_design(design, ZHAO2021_CAPTION)
+        self._take_design(design)
+        if design.springs != "bilateral":
+            raise ValueError(f"design.springs = {design.springs!r}: must be 'bilateral'")
+        self.observe_all = sees_everything(observe)
+        if not (np.isfinite(load_per_step) and load_per_step > 0):
+            raise ValueError(f"load_per_step = {load_per_step!r}: must be positive")
+        self.simulation = FreeLengthControl(self.nominal)
+        self.load_rate = -load_per_step * float(design.k1) * float(design.b1)
+        self.task = Hold(
+            reference_load=self.critical_load,
+            input_scale=FreeLengthControl.highest * float(design.free_length1),
+            tolerance=scaled_tolerance(tolerance, 0.006, self.reach, DualTriangle(ZHAO2021_CAPTION, SEGMENTS).reach),
+            reward_type=reward_type,
+            weights=HoldWeights.given(reward_weights),
+        )
+        b = float(design.b1)
+        highest = float(self.simulation.bounds(self.nominal)[1])
+        self.sampler = HoldSampler(self.nominal, (_TARGETS[0] * b, _TARGETS[1] * b), highest)
+        self.set_spaces(self._observation_size())
+
+    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
+        """Targets uniform in x from 5.0 b to 5.9 b, at y = 0; starts uniform over the first angles that hold them."""
+        stream = EpisodeStream(seed, episode)
+        x = to_single(stream.uniform(*self.sampler.targets))
+        q = self.sampler.draw(stream, x)
+        episodes = Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), (x, 0.0 * x))
+        return Drawn(episodes, tuple(q), None)
+
+    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+        """See `Core.placed`. The configuration must hold the target; a target alone draws its start."""
+        goal = drawn.episode.goal if target is None else tuple(to_single(component) for component in target)
+        if configuration is not None and target is None:
+            goal = tuple(to_single(component) for component in self.nominal.tip(configuration))
+        low, high = self.sampler.targets
+        x, y = (float(component[0]) for component in goal)
+        if not (low <= x <= high and abs(y) <= self.task.tolerance):
+            raise ValueError(f"target ({x:.6g}, {y:.6g}): must be (x, 0) with x from {low:.6g} to {high:.6g} m")
+        if configuration is not None:
+            self._check_holds(configuration, goal)
+            return Drawn(drawn.episode._replace(goal=goal), configuration, None)
+        q = self.sampler.draw(EpisodeStream(np.zeros(1, np.int64), np.zeros(1, np.int64)), goal[0])
+        return Drawn(drawn.episode._replace(goal=goal), tuple(q), None)
+
+    def _check_holds(self, q: Components, goal: Components) -> None:
+        """Refuse a posture that does not hold the target without a push, all limits kept."""
+        tip = self.nominal.tip(q)
+        gap = float(np.hypot(tip[0] - goal[0], tip[1] - goal[1])[0])
+        if gap > self.task.tolerance:
+            raise ValueError(f"configuration: its tip is {gap:.3g} m off the target, more than the tolerance")
+        lengths = self.nominal.free_lengths(self.nominal.control(q))
+        low, high = self.simulation.bounds(self.nominal)
+        fits = all(bool((low <= length).all() and (length <= high).all()) for length in lengths)
+        stability = float(self.nominal.stability_margin(q, lengths)[0])
+        if not (fits and stability > 0 and np.all(self.nominal.is_within_limits(q))):
+            raise ValueError(
+                f"configuration: cannot be held within joint limits and free lengths (stability margin {stability:.3g})"
+            )
+
+    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """See `Core.episode_of`."""
+        return Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), goal)
