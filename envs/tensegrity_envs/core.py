@@ -34,8 +34,8 @@ _FRAMED = 256  # episodes whose starts and goals are in the frame of a picture
 _RATE_SCALE = 0.2  # [s], of velocities in observations
 
 
-class Drawn(NamedTuple):
-    """A batch of n episodes that begin; components of shape (n,).
+class Sampled(NamedTuple):
+    """A batch of n sampled episodes and their initial states; components of shape (n,).
 
     Attributes:
         episode: what stays the same.
@@ -84,8 +84,8 @@ def _is_empty(info: Any) -> bool:
     return isinstance(info, Sequence | np.ndarray) and all(one is None or one == {} for one in info)
 
 
-def sees_everything(observe: str) -> bool:
-    """Whether joint angles and margins are observed.
+def is_fully_observed(observe: str) -> bool:
+    """Whether `observe` asks for full observability: joint angles and margins, too.
 
     Raises:
         ValueError: `observe` is neither "full" nor "tip_and_inputs".
@@ -151,17 +151,17 @@ def tip_inputs_and_angles(
         if not everything:
             rows = velocities_of.jacobian(state.configuration)
             rates = tuple(sum(d * rate for d, rate in zip(row, rates, strict=True)) / reach for row in rows)
-        parts += squashed(rates)
+        parts += softsign(rates)
     return parts
 
 
-def squashed(rates: Iterable[Component]) -> list[Component]:
+def softsign(rates: Iterable[Component]) -> list[Component]:
     """v / (1 + |v|), v being rates [1/s] times 0.2 s."""
     return [_RATE_SCALE * rate / (1 + abs(_RATE_SCALE * rate)) for rate in rates]
 
 
-def unsquashed(values: np.ndarray) -> np.ndarray:
-    """The rates [1/s] of which `squashed` made these."""
+def inverse_softsign(values: np.ndarray) -> np.ndarray:
+    """The rates [1/s] of which `softsign` made these."""
     return np.asarray(values / (1 - np.abs(values)) / _RATE_SCALE)
 
 
@@ -178,7 +178,8 @@ class Core(ABC):
         control: how it is driven, for controllers.
         error_name: of the distance to the goal, in `info`.
         error_unit: in which a thousandth of it is told, "mm" or "mrad".
-        hidden_names: of the entries of `info` that tell hidden parameters.
+        hidden_info_keys: the entries of `info` from which `episode_with_goal` restores the hidden parameters of an
+            episode (a payload, a force); `compute_reward` asks for them. Empty where nothing is hidden.
         randomization: of what differs from episode to episode.
         randomizable: names of what may differ.
         can_fail: whether episodes may be terminated; a subclass whose episodes end by the time limit alone says False.
@@ -195,7 +196,7 @@ class Core(ABC):
     control: str
     error_name: str = "tip_error"
     error_unit: str = "mm"
-    hidden_names: tuple[str, ...]
+    hidden_info_keys: tuple[str, ...] = ()
     randomization: Randomization = Randomization()
     randomizable: frozenset[str] = frozenset()
     can_fail: bool = True
@@ -229,15 +230,18 @@ class Core(ABC):
         """The mechanism of a design."""
 
     @abstractmethod
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
-        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
+        """The episodes of the given (seed, episode) pairs, both of shape (n,), with their initial states.
 
-    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
-        """A drawn episode, a batch of one, with another target or start.
+        Every number is a function of its pair alone, never of the batch; see `seeding.EpisodeStream`.
+        """
+
+    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
+        """A sampled episode, a batch of one, with another target or start.
 
         Args:
-            drawn: the episode as it was drawn.
-            target: components of shape (1,), as "desired_goal" has them; None for the drawn one.
+            drawn: the episode as it was sampled.
+            target: components of shape (1,), as "desired_goal" has them; None for the sampled one.
             configuration: at the start, likewise.
 
         Raises:
@@ -250,13 +254,22 @@ class Core(ABC):
     def observation(self, state: State, episode: Episode) -> list[Component]:
         """Components of the "observation" entry, each within [-1, 1]."""
 
-    @abstractmethod
-    def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
-        """Entries of `info` that tell the hidden parameters of the episode, by the names in `hidden_names`."""
+    def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
+        """Entries of `info` that controllers do not observe: at least those of `hidden_info_keys`. Traced."""
+        return {}
 
     @abstractmethod
-    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
-        """The episode whose hidden parameters `info` tells, with this goal at rest, arrays of shape (n,)."""
+    def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """The episodes of steps that have been taken, with other goals: what `compute_reward` evaluates anew.
+
+        Hindsight replay asks what a step would have been worth with another goal. The reward is a function of (state,
+        episode), so this rebuilds the part of the episode on which the reward depends.
+
+        Args:
+            info: of the steps, arrays of shape (n, ...): every key of `hidden_info_keys`, and "random_<name>" for
+                whatever is randomized.
+            goal: the other goals, at rest, components of shape (n,).
+        """
 
     @abstractmethod
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
@@ -340,7 +353,7 @@ class Core(ABC):
             noisy = {"true_goal": true}
         desired = episode.goal_at(state.time)
         error = self.error(xp, true, desired)
-        state = self.task.judge(xp, error, state)
+        state = self.task.check_termination(xp, error, state)
         terms = self.task.reward_terms(xp, error, state, episode)
         total: Component = 0.0
         for term in terms.values():
@@ -351,10 +364,10 @@ class Core(ABC):
             "is_stable": state.stability_margin > 0,
             "is_wrench_feasible": state.wrench_margin >= 0,
             "effort": self.task.effort(state),
-            **self.hidden(episode, state),
+            **self.hidden_info(episode, state),
             **noisy,
             **{f"random_{name}": value for name, value in episode.random.items()},
-            **self.task.measures(state, episode),
+            **self.task.metrics(state, episode),
             **{f"reward_{name}": term for name, term in terms.items()},
         }
         # In single precision, so that a relabelled reward, from inverse solutions found anew, is the same number.
@@ -375,15 +388,15 @@ class Core(ABC):
         angles = tuple(q + r.angle_noise * z for q, z in zip(state.configuration, state.noise[k:], strict=True))
         return state._replace(tip=tip, configuration=angles)
 
-    def begun(self, episode: Episode, q: Components, inputs: Components | None) -> Outcome:
-        """The outcome of beginning an episode."""
+    def initial(self, episode: Episode, q: Components, inputs: Components | None) -> Outcome:
+        """The outcome of the initial state. Traced."""
         state = self.simulation.start(self.mechanism(episode.design), episode, q, inputs)
         pending = ((0.0,) * self.simulation.action_size,) * self.randomization.longest_delay
         noise = (0.0,) * (len(state.tip) + len(q)) if self.randomization.is_noisy else ()
         return self.outcome(episode, state._replace(pending=pending, noise=noise))
 
-    def stepped(self, episode: Episode, state: State, action: Components) -> Outcome:
-        """The outcome of a step."""
+    def transition(self, episode: Episode, state: State, action: Components) -> Outcome:
+        """The outcome of a quasi-static step. Traced."""
         assert not isinstance(self.simulation, DynamicControl)
         action, state = self.delayed(episode, state, action)
         new = self.simulation.advance(self.mechanism(episode.design), episode, state, action)
@@ -401,33 +414,33 @@ class Core(ABC):
             taken = tuple(xp.where(due, old, new) for old, new in zip(past, taken, strict=True))
         return taken, state._replace(pending=line[:-1])
 
-    def commanded(self, episode: Episode, state: State, action: Components) -> Command:
-        """What a step tells the engine of a dynamic simulation."""
+    def command(self, episode: Episode, state: State, action: Components) -> Command:
+        """What a step tells the engine of a dynamic simulation: its first part. Traced."""
         assert isinstance(self.simulation, DynamicControl)
         action, state = self.delayed(episode, state, action)
         return self.simulation.command(self.mechanism(episode.design), episode, state, action)
 
-    def arrived(self, episode: Episode, before: State, motion: Motion) -> Outcome:
-        """The outcome of what the engine has simulated."""
+    def finish_step(self, episode: Episode, before: State, motion: Motion) -> Outcome:
+        """The outcome of what the engine has simulated: the last part of a dynamic step. Traced."""
         assert isinstance(self.simulation, DynamicControl)
         return self.outcome(episode, self.simulation.arrive(self.mechanism(episode.design), episode, before, motion))
 
     # ------------------------------------------------------------------------------------------ batches, as matrices
 
     @cached_property
-    def _drawn_schemas(self) -> tuple[Schema, Schema, Schema]:
+    def _sampled_schemas(self) -> tuple[Schema, Schema, Schema]:
         """Schemas of episodes, start configurations and start inputs, which are those of any draw."""
-        drawn = self.draw(np.zeros(1, np.int64), np.zeros(1, np.int64))
+        drawn = self.sample(np.zeros(1, np.int64), np.zeros(1, np.int64))
         return Schema(drawn.episode), Schema(drawn.configuration), Schema(drawn.inputs)
 
     @property
     def episodes(self) -> Schema:
         """Of a matrix of episodes."""
-        return self._drawn_schemas[0]
+        return self._sampled_schemas[0]
 
     @cached_property
     def _begin(self) -> Kernel:
-        return Kernel(self.begun, *self._drawn_schemas)
+        return Kernel(self.initial, *self._sampled_schemas)
 
     @property
     def outcomes(self) -> Schema:
@@ -442,17 +455,17 @@ class Core(ABC):
     @cached_property
     def _step(self) -> Kernel:
         actions = Schema(tuple(np.zeros(1) for _ in range(self.simulation.action_size)))
-        return Kernel(self.stepped, self.episodes, self.states, actions)
+        return Kernel(self.transition, self.episodes, self.states, actions)
 
     @cached_property
     def _command(self) -> Kernel:
         actions = Schema(tuple(np.zeros(1) for _ in range(self.simulation.action_size)))
-        return Kernel(self.commanded, self.episodes, self.states, actions)
+        return Kernel(self.command, self.episodes, self.states, actions)
 
     @cached_property
     def _arrive(self) -> Kernel:
         assert self.engine is not None
-        return Kernel(self.arrived, self.episodes, self.states, self.engine.motions)
+        return Kernel(self.finish_step, self.episodes, self.states, self.engine.motions)
 
     @cached_property
     def _outcome(self) -> Kernel:
@@ -464,18 +477,18 @@ class Core(ABC):
         Returns:
             The matrices of episodes and of outcomes.
         """
-        return self.begin_drawn(self.draw(seed, episode))
+        return self.begin_sampled(self.sample(seed, episode))
 
-    def begin_drawn(self, drawn: Drawn) -> tuple[np.ndarray, np.ndarray]:
-        """Begin episodes that were drawn; see `begin`."""
-        schemas, count = self._drawn_schemas, len(drawn.configuration[0])
+    def begin_sampled(self, drawn: Sampled) -> tuple[np.ndarray, np.ndarray]:
+        """Begin episodes that were sampled; see `begin`."""
+        schemas, count = self._sampled_schemas, len(drawn.configuration[0])
         matrices = [schema.pack(part, count) for schema, part in zip(schemas, drawn, strict=True)]
         episodes, outcomes = matrices[0], self._begin(*matrices)
         if self.engine is not None:
             self._begin_motion(outcomes)
         if self.randomization.is_noisy:
             outcomes = self._outcome(episodes, self._with_noise(episodes, outcomes, 0))
-        return episodes, self.complete(episodes, outcomes)
+        return episodes, self.postprocess(episodes, outcomes)
 
     def step(self, episodes: np.ndarray, states: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """The outcomes one step later, for actions of shape (action size, n) in [-1, 1]."""
@@ -496,7 +509,7 @@ class Core(ABC):
                     self._models(episodes),
                 ),
             )
-        return self.complete(episodes, outcomes)
+        return self.postprocess(episodes, outcomes)
 
     def _begin_motion(self, outcomes: np.ndarray) -> None:
         """Put the engine's state of an arm at rest into the outcomes."""
@@ -545,12 +558,12 @@ class Core(ABC):
         )
         return self.mechanism(episode.design), dynamics
 
-    def tell(self, episodes: np.ndarray, states: np.ndarray) -> np.ndarray:
+    def evaluate(self, episodes: np.ndarray, states: np.ndarray) -> np.ndarray:
         """The outcomes of being in these states."""
-        return self.complete(episodes, self._outcome(episodes, states))
+        return self.postprocess(episodes, self._outcome(episodes, states))
 
-    def complete(self, episodes: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
-        """The outcomes with what compiled code could not tell; nothing here."""
+    def postprocess(self, episodes: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
+        """The outcomes with what compiled code cannot compute, such as look-ups in a table; unchanged here."""
         return outcomes
 
     @cached_property
@@ -599,8 +612,8 @@ class Core(ABC):
         """The outcomes with other goals, and whether there is one only, without a batch."""
         achieved, desired, single = self._goals(achieved_goal, desired_goal)
         batch = self.infos(info, None if single else len(achieved), self.reward_keys)
-        episode = self.episode_of(batch, tuple(desired.T))
-        episode = episode._replace(random=self.random_of(batch))
+        episode = self.episode_with_goal(batch, tuple(desired.T))
+        episode = episode._replace(random=self.random_from(batch))
         n = len(achieved)
         if self.randomization.is_noisy:
             achieved = np.asarray(batch["true_goal"], float)
@@ -615,9 +628,9 @@ class Core(ABC):
             time=batch["step"],
         )
         state = self.with_achieved(state, tuple(achieved.T))
-        return self.tell(self.episodes.pack(episode, n), self.states.pack(state, n)), single
+        return self.evaluate(self.episodes.pack(episode, n), self.states.pack(state, n)), single
 
-    def random_of(self, info: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def random_from(self, info: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """What was randomized, as `info` tells it; see `Episode.random`."""
         return {name: np.asarray(info[f"random_{name}"], float) for name in self.episodes.rows.random}
 
@@ -642,7 +655,7 @@ class Core(ABC):
     @cached_property
     def reward_keys(self) -> list[str]:
         """Names of the entries of `info` that `compute_reward` needs."""
-        keys = ["configuration", "stability_margin", "wrench_margin", "failure", "step", *self.hidden_names]
+        keys = ["configuration", "stability_margin", "wrench_margin", "failure", "step", *self.hidden_info_keys]
         keys += [self.input_name] if self.input_name else []
         keys += [f"random_{name}" for name in self.episodes.rows.random]
         keys += ["true_goal"] if self.randomization.is_noisy else []
@@ -684,14 +697,14 @@ class Core(ABC):
             raise missing
         return {key: np.array([one[key] for one in info]) for key in keys}
 
-    def places(self, drawn: Drawn) -> Iterable[Any]:
+    def places(self, drawn: Sampled) -> Iterable[Any]:
         """Positions [m] of the nodes of planar arms at the start of episodes, for the frame of pictures."""
         return list(self.nominal.nodes(drawn.configuration).values())
 
     @cached_property
     def frame(self) -> tuple[tuple[float, float], float]:
         """Centre [m] and half of the side [m] of the square that pictures show: where the arm and its goals are."""
-        drawn = self.draw(np.zeros(_FRAMED, np.int64), np.arange(_FRAMED))
+        drawn = self.sample(np.zeros(_FRAMED, np.int64), np.arange(_FRAMED))
         places = list(self.places(drawn))
         if self.error_unit == "mm":
             places.append(drawn.episode.goal_at(0.0))

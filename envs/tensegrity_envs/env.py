@@ -111,7 +111,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             self._queue.begin(np.array([0]), column, outcome)
         else:
             key = self._queue.peek(0, start, episode)
-            column, outcome = self.core.begin_drawn(self.core.placed(self.core.draw(*key), **chosen))
+            column, outcome = self.core.begin_sampled(self.core.placed(self.core.sample(*key), **chosen))
             self._go_to(start, episode)  # not before it is known to be feasible
             self._queue.skip(0)
         self._episode, self._outcome = column, outcome

@@ -113,7 +113,7 @@ class Randomization:
         """Whether sensors are."""
         return self.tip_noise > 0 or self.angle_noise > 0
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> dict[str, np.ndarray]:
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> dict[str, np.ndarray]:
         """What the episodes of the given (seed, episode) pairs, both of shape (n,), draw, by name; but the payload."""
         stream = EpisodeStream(seed, episode, _FIRST_DRAW)
         drawn = {}

@@ -86,7 +86,7 @@ def test_every_loaded_episode_can_be_solved():
     env = gym.make(LOADED).unwrapped
     sampler, core = env.core.sampler, env.core
     n = 40
-    drawn = sampler.draw(np.arange(n), np.zeros(n, int))
+    drawn = sampler.sample(np.arange(n), np.zeros(n, int))
     _, high = core.simulation.bounds(core.nominal)
     solved = 0
     for i in range(n):
@@ -151,7 +151,7 @@ def test_starts_for_holding_are_on_target_within_all_bounds_and_of_both_elbows()
 
 def test_starts_for_holding_are_as_likely_as_when_every_angle_is_tried():
     core = gym.make(PUSH).unwrapped.core
-    drawn = core.draw(np.arange(20_000), np.zeros(20_000, int))
+    drawn = core.sample(np.arange(20_000), np.zeros(20_000, int))
     angles = np.stack(drawn.configuration)
     # Rejection from all first angles and elbows, without the sampler's table, for the same targets.
     rng = np.random.default_rng(0)

@@ -84,7 +84,7 @@ def test_starts_and_targets_are_members_by_an_independent_check():
     """
     sampler = Sampler(replace(MURALIDHARAN2022, joint_limit=2.6), (0.0, 0.4))
     n = 150
-    drawn = sampler.draw(np.arange(n), np.zeros(n, int))
+    drawn = sampler.sample(np.arange(n), np.zeros(n, int))
     payloads = drawn.mechanism.design.payload
     assert payloads.min() >= 0
     assert payloads.max() <= 0.4
@@ -144,7 +144,7 @@ def test_the_start_does_not_give_the_payload_away():
     """
     sampler = Sampler(replace(MURALIDHARAN2022, joint_limit=2.6), (0.0, 0.4))
     n = 3000
-    drawn = sampler.draw(np.arange(n), np.ones(n, int))
+    drawn = sampler.sample(np.arange(n), np.ones(n, int))
     rank = np.argsort(np.argsort(drawn.mechanism.design.payload))
     for tension in drawn.tensions:
         assert abs(np.corrcoef(rank, np.argsort(np.argsort(tension)))[0, 1]) < 4 / np.sqrt(n)

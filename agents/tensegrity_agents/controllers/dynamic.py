@@ -11,7 +11,7 @@ import numpy as np
 
 from tensegrity_agents.controllers.base import beginning
 from tensegrity_envs.compiler.pytree import is_array, tree_map
-from tensegrity_envs.core import Core, unsquashed
+from tensegrity_envs.core import Core, inverse_softsign
 
 _PLANNED = 100  # steps of the quasi-static controller that are laid out in advance
 _PEAK = 15 / 8  # largest speed of the minimum-jerk time course, 1 being the mean
@@ -80,7 +80,7 @@ class Dynamic:
         size = self.core.simulation.action_size
         everything = bool(self.core.observe_all)  # type: ignore[attr-defined]
         count = self.joints if everything else 2
-        velocity = unsquashed(vector[:, -count:]) * (1.0 if everything else self.core.reach)
+        velocity = inverse_softsign(vector[:, -count:]) * (1.0 if everything else self.core.reach)
         angles = vector[:, 2 + size : 2 + size + 2 * self.joints]
         return Sensed(
             (vector[:, 2 : 2 + size] * (self.high - self.low) + self.high + self.low) / 2,

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from scipy.linalg import expm
 
-from tensegrity_envs.core import Core, unsquashed
+from tensegrity_envs.core import Core, inverse_softsign
 from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagonals
 
 _STEP = 1e-5  # of differences, as a share of the scale of lengths
@@ -61,7 +61,7 @@ class FourBarModes:
         w = np.arctan2(vector[:, 4:8:2], vector[:, 5:8:2])
         branch = np.asarray(side_of_diagonals(tuple(w.T)))
         away = w - self.rest(lengths, branch)
-        return np.arctan2(np.sin(away), np.cos(away)), unsquashed(vector[:, -2:]), branch
+        return np.arctan2(np.sin(away), np.cos(away)), inverse_softsign(vector[:, -2:]), branch
 
     def rest(self, lengths: np.ndarray, branch: np.ndarray) -> np.ndarray:
         """See `Modes`."""
@@ -88,7 +88,7 @@ class PrismModes:
     def read(self, observation: Any, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `Modes`; there is one branch."""
         vector = np.asarray(observation["observation"], float)
-        return np.pi * vector[:, 18:21], unsquashed(vector[:, -3:]), np.ones(len(vector))
+        return np.pi * vector[:, 18:21], inverse_softsign(vector[:, -3:]), np.ones(len(vector))
 
     def rest(self, lengths: np.ndarray, branch: np.ndarray) -> np.ndarray:
         """See `Modes`."""

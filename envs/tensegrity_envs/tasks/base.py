@@ -42,11 +42,11 @@ class Task(ABC):
         """Whether the task is done, as things are: within tolerance, in a state without failure."""
         return (error <= self.tolerance) & (state.failure == RUNNING)
 
-    def judge(self, xp: Any, error: Component, state: State) -> State:
+    def check_termination(self, xp: Any, error: Component, state: State) -> State:
         """The state with the failure that the task itself sees in it; being away from the goal is none."""
         return state
 
-    def measures(self, state: State, episode: Episode) -> dict[str, Component]:
+    def metrics(self, state: State, episode: Episode) -> dict[str, Component]:
         """Further entries of `info`."""
         return {}
 

@@ -39,13 +39,13 @@ class Hold(Task):
         """Whether a force of at least the reference has been held."""
         return self.score(state, episode) >= 1
 
-    def judge(self, xp: Any, error: Component, state: State) -> State:
+    def check_termination(self, xp: Any, error: Component, state: State) -> State:
         """Being off target is a failure, unless the arm has failed otherwise."""
         physical = xp.where(state.failure == OFF_TARGET, RUNNING, state.failure)
         off = (error > self.tolerance) & (physical == RUNNING)
         return state._replace(failure=xp.where(off, OFF_TARGET, physical))
 
-    def measures(self, state: State, episode: Episode) -> dict[str, Component]:
+    def metrics(self, state: State, episode: Episode) -> dict[str, Component]:
         """The score so far."""
         return {"score": self.score(state, episode)}
 

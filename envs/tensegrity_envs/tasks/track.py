@@ -28,7 +28,7 @@ class Track(Task):
     cycles: int = 2
     weights: TrackWeights = field(default_factory=TrackWeights)
 
-    def judge(self, xp: Any, error: Component, state: State) -> State:
+    def check_termination(self, xp: Any, error: Component, state: State) -> State:
         """The state with the largest error of the last cycle so far; 0 before it."""
         before = state.record[0] if state.record else 0.0
         counts = state.time >= self.cycle * (self.cycles - 1)
@@ -39,7 +39,7 @@ class Track(Task):
         over = state.time >= self.cycle * self.cycles
         return over & (state.record[0] <= self.tolerance) & (state.failure == RUNNING)
 
-    def measures(self, state: State, episode: Episode) -> dict[str, Component]:
+    def metrics(self, state: State, episode: Episode) -> dict[str, Component]:
         """The largest error of the last cycle so far [m]."""
         return {"largest_error": state.record[0]}
 

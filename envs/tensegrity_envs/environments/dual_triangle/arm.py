@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.core import Core, tip_inputs_and_angles
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.simulation.dynamic import DynamicControl
@@ -55,7 +55,7 @@ class DualTriangleCore(Core):
             return self.design
         return replace(self.design, k1=self.design.k1 * factor, k2=self.design.k2 * factor)
 
-    def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
+    def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
         """The tip force [N]."""
         return {"load": episode.load_at(state.time)}
 

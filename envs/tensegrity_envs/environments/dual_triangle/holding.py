@@ -44,7 +44,7 @@ class HoldSampler:
 
         return Kernel(start, Schema((np.zeros(1),) * 3))
 
-    def draw(self, stream: EpisodeStream, x: np.ndarray) -> np.ndarray:
+    def sample(self, stream: EpisodeStream, x: np.ndarray) -> np.ndarray:
         """Postures (3, n) [rad] for targets x of shape (n,) [m].
 
         Raises:

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Components, to_single
-from tensegrity_envs.core import Drawn, scaled_tolerance, sees_everything
+from tensegrity_envs.core import Sampled, is_fully_observed, scaled_tolerance
 from tensegrity_envs.environments.dual_triangle.arm import SEGMENTS, DualTriangleCore
 from tensegrity_envs.environments.dual_triangle.holding import HoldSampler
 from tensegrity_envs.mechanics.designs import resolve_design
@@ -44,7 +44,6 @@ class DualTrianglePush(DualTriangleCore):
     """
 
     input_name = "free_lengths"
-    hidden_names = ()
     control = "free_lengths"
 
     def __init__(
@@ -62,7 +61,7 @@ class DualTrianglePush(DualTriangleCore):
         self._take_design(design)
         if design.springs != "bilateral":
             raise ValueError(f"design.springs = {design.springs!r}: must be 'bilateral'")
-        self.observe_all = sees_everything(observe)
+        self.observe_all = is_fully_observed(observe)
         if not (np.isfinite(load_per_step) and load_per_step > 0):
             raise ValueError(f"load_per_step = {load_per_step!r}: must be positive")
         self.simulation = FreeLengthControl(self.nominal)
@@ -79,15 +78,15 @@ class DualTrianglePush(DualTriangleCore):
         self.sampler = HoldSampler(self.nominal, (_TARGETS[0] * b, _TARGETS[1] * b), highest)
         self.set_spaces(self._observation_size())
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """Targets uniform in x from 5.0 b to 5.9 b, at y = 0; starts uniform over the first angles that hold them."""
         stream = EpisodeStream(seed, episode)
         x = to_single(stream.uniform(*self.sampler.targets))
-        q = self.sampler.draw(stream, x)
+        q = self.sampler.sample(stream, x)
         episodes = Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), (x, 0.0 * x))
-        return Drawn(episodes, tuple(q), None)
+        return Sampled(episodes, tuple(q), None)
 
-    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. The configuration must hold the target; a target alone draws its start."""
         goal = drawn.episode.goal if target is None else tuple(to_single(component) for component in target)
         if configuration is not None and target is None:
@@ -98,9 +97,9 @@ class DualTrianglePush(DualTriangleCore):
             raise ValueError(f"target ({x:.6g}, {y:.6g}): must be (x, 0) with x from {low:.6g} to {high:.6g} m")
         if configuration is not None:
             self._check_holds(configuration, goal)
-            return Drawn(drawn.episode._replace(goal=goal), configuration, None)
-        q = self.sampler.draw(EpisodeStream(np.zeros(1, np.int64), np.zeros(1, np.int64)), goal[0])
-        return Drawn(drawn.episode._replace(goal=goal), tuple(q), None)
+            return Sampled(drawn.episode._replace(goal=goal), configuration, None)
+        q = self.sampler.sample(EpisodeStream(np.zeros(1, np.int64), np.zeros(1, np.int64)), goal[0])
+        return Sampled(drawn.episode._replace(goal=goal), tuple(q), None)
 
     def _check_holds(self, q: Components, goal: Components) -> None:
         """Refuse a posture that does not hold the target without a push, all limits kept."""
@@ -117,6 +116,6 @@ class DualTrianglePush(DualTriangleCore):
                 f"configuration: cannot be held within joint limits and free lengths (stability margin {stability:.3g})"
             )
 
-    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
-        """See `Core.episode_of`."""
+    def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """See `Core.episode_with_goal`."""
         return Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), goal)

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Components, to_single
-from tensegrity_envs.core import Drawn, check_backend, scaled_tolerance, sees_everything
+from tensegrity_envs.core import Sampled, check_backend, is_fully_observed, scaled_tolerance
 from tensegrity_envs.environments.dual_triangle.arm import SEGMENTS, DualTriangleCore
 from tensegrity_envs.environments.dual_triangle.sampling import Sampler
 from tensegrity_envs.mechanics.designs import resolve_design
@@ -43,7 +43,7 @@ class DualTriangleReach(DualTriangleCore):
     """
 
     input_name = "control_inputs"
-    hidden_names = ("load",)
+    hidden_info_keys = ("load",)
     control = "delta"
 
     def __init__(
@@ -61,7 +61,7 @@ class DualTriangleReach(DualTriangleCore):
     ) -> None:
         design = resolve_design(design, ZHAO2021_CAPTION)
         self._take_design(design)
-        self.observe_all = sees_everything(observe)
+        self.observe_all = is_fully_observed(observe)
         self.observe_velocities = observe_velocities
         check_backend(backend)
         applicable = {"stiffness", "actuation_delay", "tip_noise", "angle_noise"}
@@ -80,15 +80,15 @@ class DualTriangleReach(DualTriangleCore):
         self.sampler = Sampler(self.nominal, control, load_range)
         self.set_spaces(self._observation_size())
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
-        """See `Core.draw`."""
-        random = self.randomization.draw(seed, episode)
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
+        """See `Core.sample`."""
+        random = self.randomization.sample(seed, episode)
         design = self._randomized(random)
-        start = self.sampler.draw(seed, episode, design)
+        start = self.sampler.sample(seed, episode, design)
         goal = tuple(to_single(component) for component in self.nominal.tip(start.target_configuration))
-        return Drawn(Episode(design, start.load, (), goal, random=random), start.configuration, start.inputs)
+        return Sampled(Episode(design, start.load, (), goal, random=random), start.configuration, start.inputs)
 
-    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. The configuration is the unloaded arm's: its inputs are kept while the load is put on.
 
         A target is reachable where some stable posture under the load holds it; whether a path leads there is not
@@ -101,9 +101,9 @@ class DualTriangleReach(DualTriangleCore):
         goal = drawn.episode.goal if target is None else tuple(to_single(component) for component in target)
         if target is not None:
             self.sampler.check_target(arm, goal, load)
-        return Drawn(drawn.episode._replace(goal=goal), q, inputs)
+        return Sampled(drawn.episode._replace(goal=goal), q, inputs)
 
-    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
-        """See `Core.episode_of`."""
-        design = self._randomized(self.random_of(info))
+    def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """See `Core.episode_with_goal`."""
+        design = self._randomized(self.random_from(info))
         return Episode(design, tuple(np.asarray(info["load"], float).T), (), goal)

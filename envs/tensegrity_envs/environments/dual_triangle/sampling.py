@@ -48,7 +48,7 @@ class Sampler:
         self.load_range = (low, high)
         self.critical = float(arm.straight_critical_loads()[0])
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray, design: DualTriangleDesign | None = None) -> Start:
+    def sample(self, seed: np.ndarray, episode: np.ndarray, design: DualTriangleDesign | None = None) -> Start:
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,).
 
         Args:

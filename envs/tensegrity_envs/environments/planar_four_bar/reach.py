@@ -9,11 +9,11 @@ import numpy as np
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.core import (
     Core,
-    Drawn,
+    Sampled,
     check_backend,
+    is_fully_observed,
     scaled_tolerance,
-    sees_everything,
-    squashed,
+    softsign,
     tip_inputs_and_angles,
 )
 from tensegrity_envs.environments.planar_four_bar.sampling import Sampler
@@ -71,7 +71,7 @@ class PlanarFourBarReach(Core):
     simulation: LoadedLengthControl | DynamicControl
     design: PlanarFourBarDesign
     input_name = "actuator_lengths"
-    hidden_names = ("load",)
+    hidden_info_keys = ("load",)
     control = "actuator_lengths"
 
     def __init__(
@@ -94,7 +94,7 @@ class PlanarFourBarReach(Core):
             raise TypeError(f"design = {design!r}: must be one design, not a batch")
         self.design = design
         self.reach = float(self.nominal.reach)
-        self.observe_all = sees_everything(observe)
+        self.observe_all = is_fully_observed(observe)
         self.observe_velocities = observe_velocities
         if load_range is not None and backend != "quasi_static":
             raise ValueError(f"load_range = {load_range!r}: there are no dynamics under a load yet; give None")
@@ -123,17 +123,17 @@ class PlanarFourBarReach(Core):
         """See `Core.mechanism`."""
         return PlanarFourBar(design)
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
-        """See `Core.draw`."""
-        random = self.randomization.draw(seed, episode)
-        start = self.sampler.draw(seed, episode)
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
+        """See `Core.sample`."""
+        random = self.randomization.sample(seed, episode)
+        start = self.sampler.sample(seed, episode)
         goal = tuple(to_single(component) for component in start.target)
         solutions = self._solutions(goal, start.side)
         drawn = random | {"side": start.side}
         episodes = Episode(self._randomized(random), start.load, (), goal, solutions, drawn)
-        return Drawn(episodes, start.configuration, start.lengths)
+        return Sampled(episodes, start.configuration, start.lengths)
 
-    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. A configuration follows from the lengths: it cannot be chosen."""
         if configuration is not None:
             raise ValueError("'configuration' cannot be chosen in this environment: it follows from actuator lengths")
@@ -154,7 +154,7 @@ class PlanarFourBarReach(Core):
                 f"target ({x:.6g}, {y:.6g}): no stable state on this episode's side, {int(side[0])}, has F there with "
                 f"lengths from {float(low):.6g} to {float(high):.6g} m"
             )
-        return Drawn(
+        return Sampled(
             drawn.episode._replace(goal=goal, solutions=self._solutions(goal, side)), drawn.configuration, drawn.inputs
         )
 
@@ -188,7 +188,7 @@ class PlanarFourBarReach(Core):
             return parts
         still = 0.0 * state.tip[0]
         rates = state.velocity or (still,) * 4
-        return parts + squashed(rates if self.observe_all else self._tip_velocity(state, rates))
+        return parts + softsign(rates if self.observe_all else self._tip_velocity(state, rates))
 
     def _tip_velocity(self, state: State, rates: Components) -> Components:
         """Of F, divided by the reach [1/s]: bar BC turns C about B, and bar CF turns F about C."""
@@ -200,18 +200,18 @@ class PlanarFourBarReach(Core):
         y = base * xp.cos(beta) + bar * xp.cos(gamma)
         return share * x, share * y
 
-    def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
+    def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
         """The force on F and the thrusts of the actuators [N]."""
         mechanism = self.mechanism(episode.design)
         return {"load": episode.load, "thrusts": mechanism.thrusts(state.configuration, state.inputs, episode.load)}
 
-    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
-        """See `Core.episode_of`."""
-        random = self.random_of(info)
+    def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """See `Core.episode_with_goal`."""
+        random = self.random_from(info)
         load = tuple(np.asarray(info["load"], float).T)
         return Episode(self._randomized(random), load, (), goal, self._solutions(goal, random["side"]))
 
-    def places(self, drawn: Drawn) -> Iterable[Any]:
+    def places(self, drawn: Sampled) -> Iterable[Any]:
         """See `Core.places`."""
         return list(self.nominal.nodes(drawn.configuration, drawn.inputs).values())
 

@@ -55,7 +55,7 @@ class Sampler:
         # What inverse solutions of targets have, which are told in single precision.
         self.safe_margin = 0.9 * (_LOADED_MARGIN if any(self.load_range) else _MARGIN)
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Start:
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Start:
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
         n = len(seed)
         stream = EpisodeStream(seed, episode)

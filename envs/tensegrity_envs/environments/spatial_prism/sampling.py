@@ -83,7 +83,7 @@ class Sampler:
             waves += [2 * np.cos(2 * np.pi * k * t), 2 * np.sin(2 * np.pi * k * t)]
         return points @ np.stack(waves, axis=1) / 64
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Start:
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Start:
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
         n = len(seed)
         stream = EpisodeStream(seed, episode)

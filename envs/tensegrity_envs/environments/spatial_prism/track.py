@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.core import Core, Drawn, check_backend, scaled_tolerance, sees_everything, squashed
+from tensegrity_envs.core import Core, Sampled, check_backend, is_fully_observed, scaled_tolerance, softsign
 from tensegrity_envs.environments.spatial_prism.sampling import GRAVITY, HARMONICS, Sampler
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.spatial_prism import JAHROMY, SpatialPrism, SpatialPrismDesign
@@ -81,8 +81,8 @@ class SpatialPrismTrack(Core):
         check_backend(backend)
         self.design = design
         self.nominal = SpatialPrism(design)
-        self.observe_all = sees_everything(observe)
-        self.hidden_names = () if payload_range is None else ("load",)
+        self.observe_all = is_fully_observed(observe)
+        self.hidden_info_keys = () if payload_range is None else ("load",)
         self.observe_velocities = observe_velocities
         applicable = {"actuation_delay", "tip_noise"}
         applicable |= {"stiffness"} if payload_range is None else set()  # loaded starts depend on it
@@ -110,15 +110,15 @@ class SpatialPrismTrack(Core):
         """See `Core.mechanism`."""
         return SpatialPrism(design)
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
-        """See `Core.draw`."""
-        random = self.randomization.draw(seed, episode)
-        drawn = self.sampler.draw(seed, episode)
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
+        """See `Core.sample`."""
+        random = self.randomization.sample(seed, episode)
+        drawn = self.sampler.sample(seed, episode)
         load: Components = ()
-        if self.hidden_names:
+        if self.hidden_info_keys:
             none = 0.0 * drawn.payload
             load = (none, none, -GRAVITY * drawn.payload)
-        onset = drawn.onset if self.hidden_names else None
+        onset = drawn.onset if self.hidden_info_keys else None
         episodes = Episode(
             self._randomized(random),
             load,
@@ -131,7 +131,7 @@ class SpatialPrismTrack(Core):
         )
         position = episodes.goal_at(np.zeros(len(seed)))
         still = np.zeros(len(seed))
-        return Drawn(episodes, (*position, still, still, still), self.nominal.inverse_kinematics(position))
+        return Sampled(episodes, (*position, still, still, still), self.nominal.inverse_kinematics(position))
 
     def _randomized(self, random: dict[str, np.ndarray]) -> SpatialPrismDesign:
         """The design with the stiffnesses that episodes have drawn; unloaded poses do not depend on them."""
@@ -159,21 +159,21 @@ class SpatialPrismTrack(Core):
             parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
         if self.observe_velocities:
             rates = state.velocity or (0.0 * state.tip[0],) * 6
-            parts += squashed(rate / self.design.d for rate in rates[:3])
-            parts += squashed(rates[3:]) if self.observe_all else []
+            parts += softsign(rate / self.design.d for rate in rates[:3])
+            parts += softsign(rates[3:]) if self.observe_all else []
         return parts
 
-    def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
+    def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
         """The force at the centroid [N], where there may be one."""
-        return {"load": episode.load_at(state.time)} if self.hidden_names else {}
+        return {"load": episode.load_at(state.time)} if self.hidden_info_keys else {}
 
-    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
-        """See `Core.episode_of`."""
+    def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """See `Core.episode_with_goal`."""
         still = np.zeros_like(goal[0])
-        load = tuple(np.asarray(info["load"], float).T) if self.hidden_names else ()
-        onset = still if self.hidden_names else None
+        load = tuple(np.asarray(info["load"], float).T) if self.hidden_info_keys else ()
+        onset = still if self.hidden_info_keys else None
         motion = tuple((still,) * (2 * HARMONICS) for _ in goal)
-        design = self._randomized(self.random_of(info))
+        design = self._randomized(self.random_from(info))
         return Episode(design, load, (), goal, onset=onset, motion=motion, cycle=self.cycle)
 
     @property

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
-from tensegrity_envs.core import Core, Drawn
+from tensegrity_envs.core import Core, Sampled
 from tensegrity_envs.environments.two_x.detours import detours_of
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.two_x import FURET2018, TwoX, TwoXDesign
@@ -108,7 +108,6 @@ class TwoXPostureChange(Core):
     simulation: JointPaths
     task: Posture
     input_name = ""
-    hidden_names = ()
     control = "joint"
     error_name = "posture_error"
     error_unit = "mrad"
@@ -161,7 +160,7 @@ class TwoXPostureChange(Core):
         here = np.sign(self.simulation.height(self.nominal, q))
         return np.where(self._signs[label] == here, label, -1)  # the nearest node may lie beyond a singularity
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """Starts uniform on the torus among those that have another inverse solution in their aspect."""
         n = len(seed)
         stream = EpisodeStream(seed, episode)
@@ -201,9 +200,9 @@ class TwoXPostureChange(Core):
         else:
             raise RuntimeError(f"no pair of postures found for {self.design} in {_MAX_ATTEMPTS} draws")
         target = tuple(to_single(alpha / 2) for alpha in goal)
-        return Drawn(Episode(self.design, (0.0, 0.0), (), target), tuple(start), None)
+        return Sampled(Episode(self.design, (0.0, 0.0), (), target), tuple(start), None)
 
-    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. The target is a configuration, as (theta_1, theta_2)."""
         start = drawn.configuration if configuration is None else configuration
         goal = drawn.episode.goal if target is None else tuple(to_single(theta) for theta in target)
@@ -218,9 +217,9 @@ class TwoXPostureChange(Core):
                 )
         if aspects[0] != aspects[1]:
             raise ValueError("target: in another aspect than the start, behind a singularity")
-        return Drawn(drawn.episode._replace(goal=goal), tuple(self._turn(alpha) for alpha in start), None)
+        return Sampled(drawn.episode._replace(goal=goal), tuple(self._turn(alpha) for alpha in start), None)
 
-    def complete(self, episodes: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
+    def postprocess(self, episodes: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
         """Add the potential, which is read from a table, to the dense reward."""
         if self.task.reward_type == "dense" and self.task.weights.potential:
             rows = self.outcomes.rows
@@ -270,12 +269,8 @@ class TwoXPostureChange(Core):
         m = state.stability_margin
         return [*parts, m / (1 + abs(m))]
 
-    def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
-        """Nothing is hidden."""
-        return {}
-
-    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
-        """See `Core.episode_of`."""
+    def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """See `Core.episode_with_goal`."""
         return Episode(self.design, (0.0, 0.0), (), goal)
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:

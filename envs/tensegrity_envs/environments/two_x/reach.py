@@ -7,7 +7,14 @@ from typing import Any, Literal
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, to_single
-from tensegrity_envs.core import Core, Drawn, check_backend, scaled_tolerance, sees_everything, tip_inputs_and_angles
+from tensegrity_envs.core import (
+    Core,
+    Sampled,
+    check_backend,
+    is_fully_observed,
+    scaled_tolerance,
+    tip_inputs_and_angles,
+)
 from tensegrity_envs.environments.two_x.sampling import Sampler, feasible_solutions
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
@@ -52,7 +59,7 @@ class TwoXReach(Core):
     """
 
     input_name = "tensions"
-    hidden_names = ("payload",)
+    hidden_info_keys = ("payload",)
 
     def __init__(
         self,
@@ -74,7 +81,7 @@ class TwoXReach(Core):
             raise ValueError(f"control = {control!r}: must be one of {', '.join(map(repr, CONTROLS))}")
         if control == "joint" and backend != "quasi_static":
             raise ValueError(f"backend = {backend!r}: needs control = 'tension' (cables pull, joints have no motors)")
-        self.observe_all = sees_everything(observe)
+        self.observe_all = is_fully_observed(observe)
         self.observe_velocities = observe_velocities
         applicable = {"stiffness", "mass", "payload", "actuation_delay", "tip_noise", "angle_noise"}
         applicable |= {"damping"} if backend == "mujoco" else set()
@@ -112,21 +119,21 @@ class TwoXReach(Core):
         """See `Core.mechanism`."""
         return TwoX(design)
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray) -> Drawn:
-        """See `Core.draw`."""
-        random = self.randomization.draw(seed, episode)
-        drawn = self.sampler.draw(seed, episode, self._randomized(random))
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
+        """See `Core.sample`."""
+        random = self.randomization.sample(seed, episode)
+        drawn = self.sampler.sample(seed, episode, self._randomized(random))
         x, y = (to_single(component) for component in drawn.mechanism.tip(drawn.target_configuration))
         solutions: tuple[Components, ...] = ()
         if self.task.reward_type == "dense":
             solutions = feasible_solutions(drawn.mechanism, x, y, drawn.target_configuration)
-        return Drawn(
+        return Sampled(
             Episode(drawn.mechanism.design, (0.0, 0.0), (), (x, y), solutions, random),
             drawn.configuration,
             drawn.tensions,
         )
 
-    def placed(self, drawn: Drawn, target: Components | None, configuration: Components | None) -> Drawn:
+    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. With a hidden payload the configuration is the nominal arm's, under no payload."""
         mechanism, q, tensions = TwoX(drawn.episode.design), drawn.configuration, drawn.inputs
         if configuration is not None:
@@ -140,7 +147,7 @@ class TwoXReach(Core):
                 raise ValueError(f"{where}: no stable, wrench-feasible configuration puts the tip there")
             raise ValueError(f"{where}: in another piece of the stable wrench-feasible set than the start, {q}")
         solutions = found if self.task.reward_type == "dense" else ()
-        return Drawn(drawn.episode._replace(goal=(x, y), solutions=solutions), q, tensions)
+        return Sampled(drawn.episode._replace(goal=(x, y), solutions=solutions), q, tensions)
 
     def _randomized(self, random: dict[str, np.ndarray]) -> TwoXDesign:
         """The design with the stiffnesses and masses that episodes have drawn."""
@@ -157,13 +164,13 @@ class TwoXReach(Core):
         velocities_of = self.nominal if self.observe_velocities else None
         return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all, velocities_of)
 
-    def hidden(self, episode: Episode, state: State) -> dict[str, Any]:
+    def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
         """The payload [kg]."""
         return {"payload": episode.design.payload}
 
-    def episode_of(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
-        """See `Core.episode_of`."""
-        design = self._randomized(self.random_of(info))
+    def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """See `Core.episode_with_goal`."""
+        design = self._randomized(self.random_from(info))
         if self.payload_range is not None:
             design = replace(design, payload=np.asarray(info["payload"], float))
         solutions = feasible_solutions(TwoX(design), *goal) if self.task.reward_type == "dense" else ()

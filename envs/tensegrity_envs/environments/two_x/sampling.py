@@ -77,7 +77,7 @@ class Sampler:
         i, j = (np.rint((angle + limit) / (2 * limit) * (_GRID - 1)).astype(int) for angle in q)
         return np.asarray(self._pieces[level.astype(int), i, j])
 
-    def draw(self, seed: np.ndarray, episode: np.ndarray, design: TwoXDesign | None = None) -> Drawn:
+    def sample(self, seed: np.ndarray, episode: np.ndarray, design: TwoXDesign | None = None) -> Drawn:
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,).
 
         Args:
