@@ -7,8 +7,11 @@ import pytest
 pytest.importorskip("mujoco")
 
 from tensegrity_agents.controllers import BASELINES, DYNAMIC, make_controller, planar_four_bar
-from tensegrity_agents.controllers.dynamic_lengths import FourBarWay, PrismWay
-from tensegrity_agents.controllers.locked_modes import Damping, FourBarModes, PrismModes
+from tensegrity_agents.controllers.fixed_length_damping import Damping
+from tensegrity_agents.controllers.planar_four_bar.dynamic import FourBarWay
+from tensegrity_agents.controllers.planar_four_bar.modes import FourBarModes
+from tensegrity_agents.controllers.spatial_prism.dynamic import PrismWay
+from tensegrity_agents.controllers.spatial_prism.modes import PrismModes
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.evaluation.transfer import pair_of
 from tensegrity_envs.seeding import VALIDATION_SEED

@@ -9,10 +9,12 @@ from typing import Any
 
 import gymnasium as gym
 
-from tensegrity_agents.controllers import dual_triangle, planar_four_bar, spatial_prism, two_x, two_x_posture
+from tensegrity_agents.controllers import dual_triangle, planar_four_bar, spatial_prism, two_x
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
-from tensegrity_agents.controllers.dynamic_lengths import FourBarFeedback, FourBarWay, PrismFeedback, PrismWay
+from tensegrity_agents.controllers.planar_four_bar.dynamic import FourBarFeedback, FourBarWay
 from tensegrity_agents.controllers.random import RandomController
+from tensegrity_agents.controllers.spatial_prism.dynamic import PrismFeedback, PrismWay
+from tensegrity_agents.controllers.two_x import posture
 from tensegrity_envs.core import Core
 
 __all__ = ["BASELINES", "DYNAMIC", "baselines_of", "make_controller"]
@@ -26,9 +28,9 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
         "oracle": two_x.Oracle,
     },
     "TwoXPostureChange": {
-        "pseudo_inverse": two_x_posture.PseudoInverse,
-        "straight_path": two_x_posture.StraightPath,
-        "planner": two_x_posture.Planner,
+        "pseudo_inverse": posture.PseudoInverse,
+        "straight_path": posture.StraightPath,
+        "planner": posture.Planner,
     },
     "DualTriangleReach": {
         "closed_form_sum": dual_triangle.ClosedFormSum,

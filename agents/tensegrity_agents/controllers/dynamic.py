@@ -5,7 +5,7 @@ every mechanism. They add what those lack: a time course that does not set the a
 """
 
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from tensegrity_agents.controllers.base import beginning
 from tensegrity_envs.compiler.pytree import is_array, tree_map
 from tensegrity_envs.core import Core, inverse_softsign
 
+Pace = Literal["full", "shaped", "smooth"]
+ADDS = {"full": "at full speed", "shaped": "shaped (ZVD)", "smooth": "smooth ramp"}
 _PLANNED = 100  # steps of the quasi-static controller that are laid out in advance
 _PEAK = 15 / 8  # largest speed of the minimum-jerk time course, 1 being the mean
 _COURSE = int(_PEAK * _PLANNED)  # steps of a course

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController, beginning, renewed
+from tensegrity_agents.controllers.base import AnalyticController, Privileged, beginning, renewed
 from tensegrity_agents.controllers.dual_triangle.identification import explain
 from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
 from tensegrity_agents.controllers.dual_triangle.stiffening import Loop, hold, withstood
-from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_envs.mechanics.dual_triangle import DualTriangleDesign
 
 _PLACES = 180  # on the self-motion curve

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController, beginning
+from tensegrity_agents.controllers.base import AnalyticController, Privileged, beginning
 from tensegrity_agents.controllers.dual_triangle.identification import advance, explain
 from tensegrity_agents.controllers.dual_triangle.planning import RoadMap, choose_posture, schedule
 from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
-from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_envs.mechanics.dual_triangle import DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
 

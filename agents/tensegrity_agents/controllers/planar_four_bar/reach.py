@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController, beginning, renewed
+from tensegrity_agents.controllers.base import AnalyticController, Privileged, beginning, renewed
 from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, way_points
 from tensegrity_agents.controllers.planar_four_bar.reading import (
     NOTICEABLE,
@@ -21,7 +21,6 @@ from tensegrity_agents.controllers.planar_four_bar.reading import (
     side,
     with_posture,
 )
-from tensegrity_agents.controllers.privileged import Privileged
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBarDesign
 
 

@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController
-from tensegrity_agents.controllers.privileged import Privileged
+from tensegrity_agents.controllers.base import AnalyticController, Privileged
 from tensegrity_agents.controllers.spatial_prism.identification import identify
 from tensegrity_agents.controllers.spatial_prism.reading import Reading, read
 from tensegrity_envs.compiler.kernel import evaluate

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from scipy.linalg import expm
 
-from tensegrity_envs.core import Core, inverse_softsign
-from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagonals
+from tensegrity_envs.core import Core
 
 _STEP = 1e-5  # of differences, as a share of the scale of lengths
 _AT_FIRST, _LATER = 60, 2  # iterations of Riccati's equation
@@ -46,66 +45,8 @@ class Modes(Protocol):
         ...
 
 
-class FourBarModes:
-    """The angles theta and gamma of the bars DE and CF, in an unloaded rectangle."""
-
-    count = 2
-
-    def __init__(self, core: Core) -> None:
-        self.core, self.nominal = core, core.nominal
-        self.scale = float(self.nominal.length)
-
-    def read(self, observation: Any, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `Modes`; the branch is the side of CD."""
-        vector = np.asarray(observation["observation"], float)
-        w = np.arctan2(vector[:, 4:8:2], vector[:, 5:8:2])
-        branch = np.asarray(side_of_diagonals(tuple(w.T)))
-        away = w - self.rest(lengths, branch)
-        return np.arctan2(np.sin(away), np.cos(away)), inverse_softsign(vector[:, -2:]), branch
-
-    def rest(self, lengths: np.ndarray, branch: np.ndarray) -> np.ndarray:
-        """See `Modes`."""
-        return np.stack(self.nominal.rectangle(tuple(lengths.T), branch)[0], axis=1)
-
-    def place(self, w: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-        """See `Modes`."""
-        return np.stack(FourBarSkeleton(self.nominal).coordinates(tuple(w.T), tuple(lengths.T)), axis=1)
-
-    def stiffness(self, w: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-        """See `Modes`."""
-        return _matrices(self.nominal.stiffness_matrix(tuple(w.T), tuple(lengths.T)), len(w))
-
-
-class PrismModes:
-    """The orientation of the platform of an unloaded prism."""
-
-    count = 3
-
-    def __init__(self, core: Core) -> None:
-        self.core, self.nominal = core, core.nominal
-        self.scale = float(self.nominal.design.D)
-
-    def read(self, observation: Any, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `Modes`; there is one branch."""
-        vector = np.asarray(observation["observation"], float)
-        return np.pi * vector[:, 18:21], inverse_softsign(vector[:, -3:]), np.ones(len(vector))
-
-    def rest(self, lengths: np.ndarray, branch: np.ndarray) -> np.ndarray:
-        """See `Modes`."""
-        return np.zeros((len(lengths), 3))
-
-    def place(self, w: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-        """See `Modes`."""
-        turned = tuple(np.ascontiguousarray(w.T))
-        position = self.nominal.locked_pose(turned, tuple(lengths.T)).position
-        return np.stack(np.broadcast_arrays(*position, *turned), axis=1)
-
-    def stiffness(self, w: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-        """See `Modes`."""
-        return _matrices(self.nominal.stiffness_matrix(tuple(self.place(w, lengths).T)), len(w))
-
-
-def _matrices(rows: Any, n: int) -> np.ndarray:
+def matrices(rows: Any, n: int) -> np.ndarray:
+    """Matrices (n, rows, columns) from rows of components."""
     return np.stack([np.stack([np.broadcast_to(v, n) for v in row], axis=1) for row in rows], axis=1)
 
 

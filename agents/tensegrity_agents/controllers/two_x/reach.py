@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import beginning
-from tensegrity_agents.controllers.privileged import Privileged
+from tensegrity_agents.controllers.base import Privileged, beginning
 from tensegrity_agents.controllers.two_x.planning import choose_solution, plan
 from tensegrity_agents.controllers.two_x.reading import Reading, configuration_from_tip, estimate_payload, read
 from tensegrity_agents.controllers.two_x.tracking import joint_action, tension_action

@@ -1,21 +1,18 @@
-"""The analytic controllers of prismatic actuators in dynamics: at full speed, shaped, along ramps, damped.
+"""The analytic controllers of the planar 4-bar mechanism in dynamics: at full speed, shaped, along ramps, damped.
 
 All plan lengths; `Damping` then adds small deviations that calm the mechanism. Input shapers are those of Singer and
 Seering ("Preshaping Command Inputs to Reduce System Vibration", 1990).
 """
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tensegrity_agents.controllers.base import beginning, renewed
-from tensegrity_agents.controllers.dynamic import Ramp, Sensed
-from tensegrity_agents.controllers.locked_modes import Damping, DampingMemory, FourBarModes, PrismModes
-from tensegrity_agents.controllers.spatial_prism.reading import Reading, read
+from tensegrity_agents.controllers.dynamic import ADDS, Pace, Ramp, Sensed
+from tensegrity_agents.controllers.fixed_length_damping import Damping, DampingMemory
+from tensegrity_agents.controllers.planar_four_bar.modes import FourBarModes
 from tensegrity_envs.core import Core
-
-Pace = Literal["full", "shaped", "smooth"]
-_ADDS = {"full": "at full speed", "shaped": "shaped (ZVD)", "smooth": "smooth ramp"}
 
 
 class Laid(NamedTuple):
@@ -46,7 +43,7 @@ class FourBarWay(Ramp):
     def __init__(self, core: Core, base: Any, pace: Pace = "smooth", damped: bool = True) -> None:
         super().__init__(core, base)
         self.pace, self.is_damped = pace, damped
-        self.knows = f"{self.base.knows}; {_ADDS[pace]}{', active damping' if damped else ''}"
+        self.knows = f"{self.base.knows}; {ADDS[pace]}{', active damping' if damped else ''}"
         self.modes = FourBarModes(core)
         self.damper = Damping(core, self.modes)
 
@@ -141,71 +138,3 @@ class FourBarFeedback(FourBarWay):
             commanded, damping = wanted, damping._replace(lengths=wanted)
         step = np.clip(commanded, self.low, self.high) - sensed.inputs
         return np.clip(step / self.rate, -1.0, 1.0), (damping, base)
-
-
-class PrismWay:
-    """A quasi-static controller of the spatial prism that follows the curve, shaped or not, damped or not.
-
-    Args:
-        core: of the environment.
-        base: makes the quasi-static controller.
-        pace: "full", or "shaped": a quarter each of the goals now and in two steps, half of the one in a step. The
-            curve is known ahead, so that shaping does not delay.
-        damped: whether deviations calm the platform.
-    """
-
-    def __init__(self, core: Core, base: Any, pace: Pace = "full", damped: bool = True) -> None:
-        self.core, self.base, self.pace, self.is_damped = core, base(core), pace, damped
-        self.knows = f"{self.base.knows}; {_ADDS[pace]}{', active damping' if damped else ''}"
-        self.wants_privileged = getattr(self.base, "wants_privileged", False)
-        simulation: Any = core.simulation
-        self.rate = float(simulation.rate)
-        self.low, self.high = simulation.bounds(core.nominal)
-        self.damper = Damping(core, PrismModes(core))
-
-    def begin_episodes(self, mask: np.ndarray, design: Any, privileged: Any = None) -> None:
-        """Hand over what the quasi-static controller asks for."""
-        self.base.begin_episodes(mask, design, privileged)
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Actions (n, 3) for a batch of n observations."""
-        reading = read(observation, self.core)
-        n = len(reading.tip)
-        fresh = beginning(n, state, episode_start)
-        damping, step = (None, np.zeros(n, int)) if state is None else state
-        damping, step = renewed(fresh, self.damper.begin(reading.lengths), damping), np.where(fresh, 0, step)
-        commanded = planned = self.planned(observation, reading, step, damping.lengths)
-        if self.is_damped:
-            commanded, damping = self.damper.act(observation, reading.lengths, planned, damping)
-        else:
-            damping = damping._replace(lengths=planned)
-        action = np.clip((np.clip(commanded, self.low, self.high) - reading.lengths) / self.rate, -1.0, 1.0)
-        return action, (damping, step + 1)
-
-    def planned(self, observation: Any, reading: Reading, step: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Lengths after this step, shape (n, 3) [m]; `before` those planned a step ago."""
-        if self.pace == "full":
-            return np.asarray(self.base._lengths(reading, step))
-        now = np.asarray(observation["desired_goal"], float)
-        ahead = np.asarray(observation["observation"], float)[:, 9:12]
-        later = reading.tip + 2 * float(self.rate) * ahead / np.maximum(1 - np.abs(ahead), 1e-12)
-        goals = ((0.25, now), (0.5, reading.next_goal), (0.25, later))
-        return np.asarray(sum(w * self.base._lengths(reading._replace(next_goal=goal), step) for w, goal in goals))
-
-
-class PrismFeedback(PrismWay):
-    """Resolved rate: the goal's own step, and a share of the way from the measured position to the goal."""
-
-    slowed = 0.15
-
-    def __init__(self, core: Core, base: Any, damped: bool = True) -> None:
-        super().__init__(core, base, "full", damped)
-        self.knows = f"{self.base.knows}; slowed down{', active damping' if damped else ''}"
-
-    def planned(self, observation: Any, reading: Reading, step: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """See `PrismWay.planned`."""
-        now = np.asarray(observation["desired_goal"], float)
-        way = reading.next_goal - now + self.slowed * (now - reading.tip)
-        return np.asarray(self.base._lengths(reading._replace(lengths=before, next_goal=reading.tip + way), step))
