@@ -1,7 +1,10 @@
 """Tests run on a bare machine: windows go to SDL's dummy driver, MuJoCo draws without a display where it can."""
 
+import json
 import os
 import re
+import shutil
+import subprocess
 
 import pytest
 
@@ -28,3 +31,28 @@ def pytest_collection_modifyitems(config, items):
         named = re.search(r"\btensegrity/(\w+)-v\d", item.nodeid)
         if named:
             item.add_marker(pytest.mark.xdist_group(named[1]))
+
+
+@pytest.fixture
+def in_browser(tmp_path):
+    """A function that shows a page in headless Chromium, runs a script there and gives the value that it returns."""
+    found = next(
+        (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+    )
+    if found is None:
+        pytest.skip("no chromium: apt-get install chromium")
+
+    def run(html, script, size=(1300, 1000)):
+        page = tmp_path / "in_browser.html"
+        write = "document.body.replaceChildren(); document.body.textContent = '<' + JSON.stringify(answer) + '>'"
+        code = f"<script>{{ const answer = (() => {{ {script} }})(); {write}; }}</script>"
+        page.write_text(html.replace("</body>", f"{code}</body>"))
+        command = [found, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000"]
+        command += [f"--user-data-dir={tmp_path}/profile", f"--window-size={size[0]},{size[1]}", "--dump-dom"]
+        done = subprocess.run([*command, f"file://{page}"], capture_output=True, text=True, check=True, timeout=120)
+        (answer,) = re.findall(r"&lt;(.*)&gt;</body>", done.stdout, re.DOTALL)
+        for sign, text in (("<", "&lt;"), (">", "&gt;"), ("&", "&amp;")):
+            answer = answer.replace(text, sign)
+        return json.loads(answer)
+
+    return run

@@ -768,12 +768,7 @@ class TwoX:
         if flatness < _NEARLY_SINGULAR:
             more = self._scanned(x, y)
             owner, a1 = np.concatenate([owner, more[0]]), np.concatenate([a1, more[1]])
-        dx, dy, dd = self._beyond_joint_1(x[owner], y[owner], a1)
-        u = dd - a * a
-        bb = self._bb
-        rc = (a * (2 * (u - l * l) + bb) + bb * dy) / (bb + 4 * a * a)  # r cos(alpha_2/2)
-        rr = np.maximum(u - 2 * a * rc, 0.0)
-        a2 = 2 * np.arctan2(-rr * dx * np.sign(u), rc * np.abs(u))
+        a2, u, rc, rr = self._second_angle(*self._beyond_joint_1(x[owner], y[owner], a1))
         # Where the curve crosses itself (u = 0) a point of it belongs to both signs of alpha_2.
         node = np.flatnonzero(np.abs(u) < 1e-3 * l * l)
         fold = 2 * np.arccos(np.clip(rc[node] / np.sqrt(rr[node] + 1e-300), -1.0, 1.0))
@@ -790,11 +785,23 @@ class TwoX:
             a1, a2 = (np.concatenate([a, np.tile(part, len(within))]) for a, part in zip((a1, a2), grid, strict=True))
         return owner, a1, a2
 
-    def _off_curve(self, dy: np.ndarray, dd: np.ndarray) -> np.ndarray:
+    def _off_curve(self, dy: Component, dd: Component) -> Component:
         """0 where joint 2 can reach the target; see `_candidates`."""
         a, l, bb = self.design.a, self.design.l, self._bb
         u = dd - a * a
-        return np.asarray(u * (u - l * l) + bb * dy * dy - a * (2 * self._excess * dy + a * (l * l + self._excess)))
+        return u * (u - l * l) + bb * dy * dy - a * (2 * self._excess * dy + a * (l * l + self._excess))
+
+    def _second_angle(
+        self, dx: Component, dy: Component, dd: Component
+    ) -> tuple[Component, Component, Component, Component]:
+        """alpha_2 [rad] of a target on the curve, u = d.d - a^2, r cos(alpha_2/2) and r^2; see `_candidates`."""
+        xp = self._xp(dx, dy, dd)
+        a, l, bb = self.design.a, self.design.l, self._bb
+        u = dd - a * a
+        rc = (a * (2 * (u - l * l) + bb) + bb * dy) / (bb + 4 * a * a)
+        rr = xp.maximum(u - 2 * a * rc, 0.0)
+        sign = xp.where(u > 0, 1.0, xp.where(u < 0, -1.0, 0.0))
+        return 2 * xp.atan2(-rr * dx * sign, rc * abs(u)), u, rc, rr
 
     def _scanned(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Index of the target and alpha_1 of solutions, by even scans of the circle of alpha_1 and of its anomaly."""
@@ -803,22 +810,21 @@ class TwoX:
         def off(line: np.ndarray, angle: np.ndarray) -> np.ndarray:
             a1 = np.where(line < n, 2 * angle, self._from_anomaly(angle))
             _, dy, dd = self._beyond_joint_1(x[line % n], y[line % n], a1)
-            return self._off_curve(dy, dd)
+            return np.asarray(self._off_curve(dy, dd))
 
         if not n:
             return np.zeros(0, int), np.zeros(0)
         line, angle = circle_roots(off, 2 * n, 720, 1e-12)
         return line % n, np.where(line < n, 2 * angle, self._from_anomaly(angle))
 
-    def _from_anomaly(self, psi: np.ndarray) -> np.ndarray:
+    def _from_anomaly(self, psi: Component) -> Component:
         """The angle alpha [rad] at which the eccentric anomaly of a joint's rolling ellipses is psi."""
-        return np.asarray(2 * np.arctan2(math.sqrt(self._excess) / self.design.l * np.sin(psi), np.cos(psi)))
+        xp = self._xp(psi)
+        return 2 * xp.atan2(xp.sqrt(self._excess) / self.design.l * xp.sin(psi), xp.cos(psi))
 
-    def _beyond_joint_1(
-        self, x: np.ndarray, y: np.ndarray, a1: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _beyond_joint_1(self, x: Component, y: Component, a1: Component) -> tuple[Component, Component, Component]:
         """The target seen from the base of joint 2, in that base's axes, and its distance squared."""
-        joint = self._joint(np, a1)
+        joint = self._joint(self._xp(x, y, a1), a1)
         sin, cos = 2 * joint.s * joint.c, joint.c**2 - joint.s**2
         dx = x + joint.r * joint.s + self.design.a * sin
         dy = y - joint.r * joint.c - self.design.a * cos

@@ -58,6 +58,26 @@ class InverseSolution(NamedTuple):
     residual: float
 
 
+class Wrist(NamedTuple):
+    """A target as the last two links see it.
+
+    Attributes:
+        u: from the last pivot but one to the target, along x [m].
+        v: along y [m].
+        turn: sum of the first n - 2 angles [rad].
+        stretch: negative where the target is too far for the two links [m2].
+        folding: negative where it is too close [m2].
+        angle: absolute value of the last angle [rad].
+    """
+
+    u: Component
+    v: Component
+    turn: Component
+    stretch: Component
+    folding: Component
+    angle: Component
+
+
 class _Shape(NamedTuple):
     """What a configuration fixes: the springs of every segment, and its link as seen from its pivot."""
 
@@ -460,29 +480,41 @@ class DualTriangle:
         if self.segments < 2:
             raise ValueError("inverse_kinematics: the tip of one segment has no two coordinates to choose")
         check_finite("the first angles", first, self.segments - 2)
-        long, short = float(self.link_lengths[-2]), float(self.link_lengths[-1])
-        px, py, turn = float(self.design.b1), 0.0, 0.0
-        for angle, length in zip(first, self.link_lengths, strict=False):
-            turn += angle
-            px, py = px + length * math.cos(turn), py + length * math.sin(turn)
-        u, v = x - px, y - py
-        distance = math.hypot(u, v)
-        # 1 -+ cos q_n by products: no digits are lost where the elbow is stretched or folded
-        stretch = (long + short - distance) * (long + short + distance)
-        folding = (distance - long + short) * (distance + long - short)
-        slop = 1e-13 * (long + short) ** 2
-        if stretch < -slop or folding < -slop:
+        wrist = self.wrist((x, y), first)
+        slop = 1e-13 * float(self.link_lengths[-2] + self.link_lengths[-1]) ** 2
+        if wrist.stretch < -slop or wrist.folding < -slop:
             return []
-        q_n = 2 * math.atan2(math.sqrt(max(stretch, 0.0)), math.sqrt(max(folding, 0.0)))
         solutions = []
-        for elbow in (1, -1) if slop < stretch and slop < folding else (0,):
-            last = -q_n if elbow < 0 else q_n
-            before = math.atan2(v, u) - math.atan2(short * math.sin(last), long + short * math.cos(last)) - turn
-            q = (*(float(angle) for angle in first), wrap(before), last)
+        for elbow in (1, -1) if slop < wrist.stretch and slop < wrist.folding else (0,):
+            last = -wrist.angle if elbow < 0 else wrist.angle
+            q = (*(float(angle) for angle in first), wrap(self.before_last(wrist, last)), last)
             end = self.tip(q)
             residual = math.hypot(end[0] - x, end[1] - y)
             solutions.append(InverseSolution(q, elbow, bool(self.is_within_limits(q)), self.singularity(q), residual))
         return solutions
+
+    def wrist(self, target: Sequence[Component], first: Sequence[Component]) -> "Wrist":
+        """The target (x, y) [m] as the last two links see it, given the first n - 2 angles [rad]. Traceable."""
+        xp = self._xp(*target, *first)
+        long, short = self.link_lengths[-2:]
+        px, py, turn = 1.0 * self.design.b1, 0.0, 0.0
+        for angle, length in zip(first, self.link_lengths, strict=False):
+            turn = turn + angle
+            px, py = px + length * xp.cos(turn), py + length * xp.sin(turn)
+        u, v = target[0] - px, target[1] - py
+        distance = xp.hypot(u, v)
+        # 1 -+ cos q_n by products: no digits are lost where the elbow is stretched or folded
+        stretch = (long + short - distance) * (long + short + distance)
+        folding = (distance - long + short) * (distance + long - short)
+        angle = 2 * xp.atan2(xp.sqrt(xp.maximum(stretch, 0.0)), xp.sqrt(xp.maximum(folding, 0.0)))
+        return Wrist(u, v, turn, stretch, folding, angle)
+
+    def before_last(self, wrist: "Wrist", last: Component) -> Component:
+        """The last angle but one [rad], not wrapped, given the last one, plus or minus `wrist.angle`. Traceable."""
+        xp = self._xp(*wrist)
+        long, short = self.link_lengths[-2:]
+        bend = xp.atan2(short * xp.sin(last), long + short * xp.cos(last))
+        return xp.atan2(wrist.v, wrist.u) - bend - wrist.turn
 
     def redundancy(
         self,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, namespace_of
 from tensegrity_envs.mechanics.planar_four_bar.equilibria import (
     INWARDS,
     LOADED,
@@ -61,7 +62,7 @@ class InverseSolution(NamedTuple):
 
 
 class Pivots(NamedTuple):
-    """The two places of C for each of n targets, as arrays of shape (2, n).
+    """A place of C, or as arrays of shape (2, n) the two places for each of n targets.
 
     Attributes:
         c: x and y [m].
@@ -70,30 +71,73 @@ class Pivots(NamedTuple):
         exists: whether the place is there, not below the base.
     """
 
-    c: tuple[np.ndarray, np.ndarray]
-    gamma: np.ndarray
-    rho1: np.ndarray
-    exists: np.ndarray
+    c: tuple[Component, Component]
+    gamma: Component
+    rho1: Component
+    exists: Component
 
 
-def _root(square: np.ndarray) -> np.ndarray:
+def _root(square: Component) -> Component:
     """A square root, 0 where rounding has made the square of circles that touch negative; NaN where they are apart."""
+    xp = namespace_of(square)
     with np.errstate(invalid="ignore"):
-        return np.sqrt(np.where((square < 0) & (square > -_TOUCHING), 0.0, square))
+        return xp.sqrt(xp.where((square < 0) & (square > -_TOUCHING), 0.0, square))
 
 
 def pivots(mechanism: PlanarFourBar, x: np.ndarray, y: np.ndarray) -> Pivots:
     """Where C can be for targets x, y of shape (n,) [m]."""
+    return pivot(mechanism, x, y, np.array([[1.0], [-1.0]]))
+
+
+def pivot(mechanism: PlanarFourBar, x: Component, y: Component, sign: Component) -> Pivots:
+    """Where C is for a target x, y [m], of its two places that of a sign, 1 or -1. Traceable."""
+    xp = mechanism._xp(x, y)
     l = mechanism.length
     dx, dy = x - l, y
-    distance = np.hypot(dx, dy)
+    distance = xp.hypot(dx, dy)
     with np.errstate(divide="ignore", invalid="ignore"):
         bow = _root(l * l / distance**2 - 0.25)
-    sign = np.array([[1.0], [-1.0]])
     cx, cy = l + dx / 2 - sign * bow * dy, dy / 2 + sign * bow * dx
-    exists = np.isfinite(bow) & (cy >= -_ON_BASE * l)
-    cx, cy = np.where(exists, cx, 0.0), np.where(exists, np.maximum(cy, 0.0), 0.0)
-    return Pivots((cx, cy), np.arctan2(y - cy, x - cx), np.minimum(np.hypot(cx, cy), 2 * l), exists)
+    exists = xp.isfinite(bow) & (cy >= -_ON_BASE * l)
+    cx, cy = xp.where(exists, cx, 0.0), xp.where(exists, xp.maximum(cy, 0.0), 0.0)
+    return Pivots((cx, cy), xp.atan2(y - cy, x - cx), xp.minimum(xp.hypot(cx, cy), 2 * l), exists)
+
+
+class Crossbar(NamedTuple):
+    """Bar CF with F at the target: its normal, its midpoint M [m], and t . f / K - 2 t . F [m]; see `loaded`."""
+
+    tx: Component
+    ty: Component
+    mx: Component
+    my: Component
+    offset: Component
+
+
+def crossbar(
+    mechanism: PlanarFourBar,
+    x: Component,
+    y: Component,
+    c: tuple[Component, Component],
+    gamma: Component,
+    load: Sequence[Component],
+) -> Crossbar:
+    """Bar CF from C at the angle gamma [rad] to F at (x, y) [m], under a load [N]. Traceable."""
+    xp = mechanism._xp(x, y, gamma)
+    tx, ty = -xp.sin(gamma), xp.cos(gamma)
+    mx, my = (c[0] + x) / 2, (c[1] + y) / 2
+    push = tx * load[0] + ty * load[1]
+    return Crossbar(tx, ty, mx, my, push / mechanism.stiffness - 2 * (tx * x + ty * y))
+
+
+def imbalance(mechanism: PlanarFourBar, bar: Crossbar, alpha: Component, fold: Component) -> Component:
+    """What is left of the balance of F across bar CF, times |M - D| / L, which keeps it bounded. Traceable."""
+    xp = mechanism._xp(alpha, bar.mx)
+    l = mechanism.length
+    dx, dy = l * xp.cos(alpha), l * xp.sin(alpha)
+    ux, uy = bar.mx - dx, bar.my - dy
+    distance = xp.hypot(ux, uy)
+    across = 2 * (bar.tx * dx + bar.ty * dy) + bar.offset
+    return (across * distance + fold * l * (bar.tx * ux + bar.ty * uy)) / (l * l)
 
 
 def rectangles(mechanism: PlanarFourBar, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -145,18 +189,12 @@ def loaded(
     row, target = np.nonzero(places.exists)
     cx, cy = (v[row, target] for v in places.c)
     gamma, rho1 = places.gamma[row, target], places.rho1[row, target]
-    tx, ty = -np.sin(gamma), np.cos(gamma)
-    mx, my = (cx + x[target]) / 2, (cy + y[target]) / 2
-    push = tx * load[0][target] + ty * load[1][target]
-    offset = push / mechanism.stiffness - 2 * (tx * x[target] + ty * y[target])
+    force = load[0][target], load[1][target]
+    bars = crossbar(mechanism, x[target], y[target], (cx, cy), gamma, force)
+    mx, my = bars.mx, bars.my
 
     def balance(line: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-        """Times |M - D| / L, which keeps it bounded."""
-        dx, dy = l * np.cos(alpha), l * np.sin(alpha)
-        ux, uy = mx[line] - dx, my[line] - dy
-        distance = np.hypot(ux, uy)
-        across = 2 * (tx[line] * dx + ty[line] * dy) + offset[line]
-        return np.asarray((across * distance + fold * l * (tx[line] * ux + ty[line] * uy)) / (l * l))
+        return np.asarray(imbalance(mechanism, Crossbar(*(v[line] for v in bars)), alpha, fold))
 
     lines = np.arange(len(target))
     step = math.pi / (_SAMPLES - 1)  # and a little beyond the ends, where a root may be
