@@ -17,6 +17,7 @@ LAYERS = [
     "rendering_spatial",
     "simulation",
     "tasks",
+    "observation",
     "core",
     "environments",
     "arms",

@@ -20,6 +20,7 @@ from gymnasium import spaces
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.compiler.pytree import Schema, is_row, tree_leaves
+from tensegrity_envs.observation import Field, ObservationSchema
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.rendering import Scene, frame_around
 from tensegrity_envs.simulation.dynamic import Command, Drivable, DynamicControl, Motion
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from tensegrity_envs.simulation.mujoco.engine import Engine
 
 _FRAMED = 256  # episodes whose starts and goals are in the frame of a picture
-_RATE_SCALE = 0.2  # [s], of velocities in observations
 
 
 class Sampled(NamedTuple):
@@ -117,54 +117,6 @@ def scaled_tolerance(tolerance: float | None, published: float, size: Any, publi
     return published * float(size / published_size) if tolerance is None else tolerance
 
 
-def tip_inputs_and_angles(
-    state: State,
-    reach: float,
-    bounds: tuple[Component, Component],
-    everything: bool,
-    velocities_of: Any = None,
-) -> list[Component]:
-    """The observation that the arms share.
-
-    tip / reach (2), inputs from -1 at their lower to 1 at their upper bound, and, if everything is observed, sine and
-    cosine of each joint angle, stability and wrench margin m as m / (1 + |m|) (2). Last, if velocities are observed,
-    v / (1 + |v|) of each joint rate times 0.2 s, or, if not everything is observed, of the tip's velocity times 0.2 s,
-    divided by the reach (2).
-
-    Args:
-        state: observed.
-        reach: of the arm [m].
-        bounds: of the inputs.
-        everything: whether joint angles and margins are observed.
-        velocities_of: the mechanism whose velocities are observed, or None.
-    """
-    xp = namespace_of(state.tip[0])
-    low, high = bounds
-    parts = [component / reach for component in state.tip]
-    parts += [(2 * value - (high + low)) / (high - low) for value in state.inputs]
-    if everything:
-        for angle in state.configuration:
-            parts += [xp.sin(angle), xp.cos(angle)]
-        parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
-    if velocities_of is not None:
-        rates = state.velocity or (0.0 * state.tip[0],) * len(state.configuration)
-        if not everything:
-            rows = velocities_of.jacobian(state.configuration)
-            rates = tuple(sum(d * rate for d, rate in zip(row, rates, strict=True)) / reach for row in rows)
-        parts += softsign(rates)
-    return parts
-
-
-def softsign(rates: Iterable[Component]) -> list[Component]:
-    """v / (1 + |v|), v being rates [1/s] times 0.2 s."""
-    return [_RATE_SCALE * rate / (1 + abs(_RATE_SCALE * rate)) for rate in rates]
-
-
-def inverse_softsign(values: np.ndarray) -> np.ndarray:
-    """The rates [1/s] of which `softsign` made these."""
-    return np.asarray(values / (1 - np.abs(values)) / _RATE_SCALE)
-
-
 class Core(ABC):
     """What the shells run. A subclass brings a mechanism, the way it is driven and drawn, and what is seen of it.
 
@@ -176,10 +128,13 @@ class Core(ABC):
         reach: an upper bound of the tip's distance from the base [m].
         input_name: of the inputs, in `info`; empty where there are none.
         control: how it is driven, for controllers.
+        goal_name: what goals are, in decoded observations.
         error_name: of the distance to the goal, in `info`.
         error_unit: in which a thousandth of it is told, "mm" or "mrad".
         hidden_info_keys: the entries of `info` from which `episode_with_goal` restores the hidden parameters of an
             episode (a payload, a force); `compute_reward` asks for them. Empty where nothing is hidden.
+        observe_all: whether joint angles and margins are observed.
+        observe_velocities: whether velocities are.
         randomization: of what differs from episode to episode.
         randomizable: names of what may differ.
         can_fail: whether episodes may be terminated; a subclass whose episodes end by the time limit alone says False.
@@ -194,9 +149,12 @@ class Core(ABC):
     reach: float
     input_name: str
     control: str
+    goal_name: str = "tip"
     error_name: str = "tip_error"
     error_unit: str = "mm"
     hidden_info_keys: tuple[str, ...] = ()
+    observe_all: bool = True
+    observe_velocities: bool = False
     randomization: Randomization = Randomization()
     randomizable: frozenset[str] = frozenset()
     can_fail: bool = True
@@ -251,8 +209,13 @@ class Core(ABC):
         raise ValueError("'target' and 'configuration' cannot be chosen in this environment: its goal moves on a curve")
 
     @abstractmethod
-    def observation(self, state: State, episode: Episode) -> list[Component]:
-        """Components of the "observation" entry, each within [-1, 1]."""
+    def observed(self) -> Sequence[Field]:
+        """The fields of the entry "observation", in their order."""
+
+    @cached_property
+    def schema(self) -> ObservationSchema:
+        """Encodes, decodes and describes the entry "observation"."""
+        return ObservationSchema(self.observed(), self.goal_name, self.input_name)
 
     def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
         """Entries of `info` that controllers do not observe: at least those of `hidden_info_keys`. Traced."""
@@ -282,10 +245,10 @@ class Core(ABC):
         digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
         return f"{type(self).__name__} {digest}"
 
-    def set_spaces(self, observation_size: int, goal_size: int = 2, goal_bound: float | None = None) -> None:
+    def set_spaces(self, goal_size: int = 2, goal_bound: float | None = None) -> None:
         """Define the spaces; goals are within the reach [m], unless another bound is given."""
         bound = self.reach if goal_bound is None else goal_bound
-        box = spaces.Box(-1.0, 1.0, (observation_size,), np.float32)
+        box = spaces.Box(-1.0, 1.0, (self.schema.size,), np.float32)
         goal = spaces.Box(-bound, bound, (goal_size,), np.float32)
         self.observation_space = spaces.Dict({"observation": box, "achieved_goal": goal, "desired_goal": goal})
         self.action_space = spaces.Box(-1.0, 1.0, (self.simulation.action_size,), np.float32)
@@ -372,7 +335,7 @@ class Core(ABC):
         }
         # In single precision, so that a relabelled reward, from inverse solutions found anew, is the same number.
         seen = seen._replace(stability_margin=state.stability_margin, failure=state.failure)
-        observation = tuple(self.observation(seen, episode))
+        observation = tuple(self.schema.encode(seen, episode))
         return Outcome(state, observation, achieved, desired, to_single(total), info)
 
     def measured(self, state: State) -> State:

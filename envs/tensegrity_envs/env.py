@@ -21,7 +21,7 @@ _AHEAD = 16  # episodes drawn at once
 class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
     """A manipulator that is to bring its tip to a target, staying stable and wrench-feasible.
 
-    Observation: Dict of "observation" (see the core's `observation`; every component within [-1, 1]), "achieved_goal"
+    Observation: Dict of "observation" (see `core.schema`; every component within [-1, 1]), "achieved_goal"
     (the tip) and "desired_goal" (the target), both in metres; all float32. Action: increments in [-1, 1], scaled by
     the rate of the core's simulation; components outside are clipped, NaN, infinite or wrongly shaped ones raise
     ValueError.

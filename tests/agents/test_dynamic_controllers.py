@@ -51,8 +51,8 @@ def test_damping_takes_energy_out_of_the_arm(env_id):
         q = rng.uniform(-0.6, 0.6, core.engine.joints)
         inputs = low + (high - low) * rng.uniform(0.4, 0.6, simulation.action_size)
         velocity = rng.uniform(-0.2, 0.2, core.engine.joints)
-        sensed = controller.sense(core_observation(core, q, inputs, velocity))
-        np.testing.assert_allclose(sensed.velocity[0], velocity, atol=1e-6)
+        sensed = core.schema.decode(core_observation(core, q, inputs, velocity))
+        np.testing.assert_allclose(sensed.joint_rates[0], velocity, atol=1e-6)
         np.testing.assert_allclose(sensed.inputs[0], inputs, rtol=1e-5)
         action = controller.damped(sensed, inputs[None], q[None])[0]
         assert np.abs(action).max() < 1  # else the rate would cut it
@@ -67,7 +67,7 @@ def test_damping_takes_energy_out_of_the_arm(env_id):
 
 
 def core_observation(core, q, inputs, velocity):
-    """An observation in single precision, from the definition in `core.tip_inputs_and_angles`."""
+    """An observation, written down from the tables of docs/environments.md."""
     low, high = core.simulation.bounds(core.nominal)
     tip = np.array(core.nominal.tip(tuple(q)))
     angles = np.stack([np.sin(q), np.cos(q)], axis=1).ravel()

@@ -78,7 +78,7 @@ def test_the_linear_model_predicts_a_step_of_the_simulation(env_id):
         env.reset(seed=seed)
         lengths = np.array(env._state.inputs)[None]
         observation = {key: value[None] for key, value in env._observation().items()}
-        away, rate, branch = modes.read(observation, lengths)
+        away, rate, branch = modes.read(env.core.schema.decode(observation), lengths)
         np.testing.assert_allclose(away, 0, atol=1e-5)
         np.testing.assert_allclose(rate, 0, atol=1e-9)
         jump, flow, _, slope = damper._system(lengths, branch)
@@ -88,7 +88,8 @@ def test_the_linear_model_predicts_a_step_of_the_simulation(env_id):
         expected = np.einsum("nij,nj->ni", flow[:, :, modes.count :], kick)
         observation = env.step(action[0])[0]
         moved = lengths + v * damper.time
-        found, rate, _ = modes.read({key: value[None] for key, value in observation.items()}, moved)
+        observation = {key: value[None] for key, value in observation.items()}
+        found, rate, _ = modes.read(env.core.schema.decode(observation), moved)
         speed = rate - np.einsum("nij,nj->ni", slope, v)
         size = np.abs(kick).max()
         np.testing.assert_allclose(speed / size, expected[:, modes.count :] / size, atol=0.05)
@@ -106,8 +107,9 @@ def test_zero_vibration_shaping_leaves_nothing_of_a_mode():
         controller = FourBarWay(core, planar_four_bar.ClosedFormIK, pace, damped=False)
         controller.begin_episodes(np.ones(8, bool), core.design)
         _, memory = controller.predict(observation)
-        plan = np.concatenate([controller.sense(observation).inputs[:, None], memory.plan], axis=1)
-        _, _, branch = controller.modes.read(observation, plan[:, -1])
+        observed = core.schema.decode(observation)
+        plan = np.concatenate([observed.inputs[:, None], memory.plan], axis=1)
+        _, _, branch = controller.modes.read(observed, plan[:, -1])
         halves = controller.damper.half_periods(plan[:, -1], branch)
         kick = np.diff(np.diff(plan, axis=1), axis=1)
         wave = np.exp(1j * np.pi * np.arange(kick.shape[1]) / halves[:, :, None])

@@ -47,7 +47,7 @@ def test_the_gap_leads_to_the_target():
 
 def test_without_a_solution_the_gap_leads_near_the_target():
     observation, info = make_vec(LOADED, 2000).reset(seed=3)
-    hints = alone(Hints(REACH)(observation)[0], observation)  # those that know no force
+    hints = alone(Hints(REACH, {"observe": "tip_and_inputs"})(observation)[0], observation)  # those that know no force
     lengths = info["actuator_lengths"] + 20.0 * hints[:, :2]
     _, tip = ARM.rectangle(tuple(lengths.T), info["random_side"])
     off = np.hypot(*(np.stack(tip, 1) - observation["desired_goal"]).T)

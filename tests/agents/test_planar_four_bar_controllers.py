@@ -6,7 +6,7 @@ import pytest
 
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.controllers.planar_four_bar.planning import ends, trips, way_points
-from tensegrity_agents.controllers.planar_four_bar.reading import configuration, force_across, read
+from tensegrity_agents.controllers.planar_four_bar.reading import configuration, force_across
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_envs.mechanics import PlanarFourBar
 from tensegrity_envs.seeding import VALIDATION_SEED
@@ -42,8 +42,8 @@ def test_readings_undo_the_observation():
     for env_id in (REACH, LOADED):
         envs = make_vec(env_id, 50)
         observation, info = envs.reset(seed=0)
-        reading = read(observation, envs.unwrapped.core)
-        np.testing.assert_allclose(reading.lengths, info["actuator_lengths"], atol=5e-6)
+        reading = envs.unwrapped.core.schema.decode(observation)
+        np.testing.assert_allclose(reading.actuator_lengths, info["actuator_lengths"], atol=5e-6)
         gap = configuration(ARM, reading) - info["configuration"]
         assert np.abs(np.arctan2(np.sin(gap), np.cos(gap))).max() < 1e-5
         across, pull = force_across(ARM, reading)
@@ -60,7 +60,7 @@ def test_the_observer_knows_the_force_after_two_steps():
         action, state = observer.predict(observation, state, start)
         observation, _, terminated, truncated, _ = envs.step(action)
         start = terminated | truncated
-    error = np.hypot(*(observer._load(read(observation, envs.unwrapped.core), state) - load).T)
+    error = np.hypot(*(observer._load(envs.unwrapped.core.schema.decode(observation), state) - load).T)
     assert np.median(error) < 0.02
     assert error[~start].max() < 5.0
 

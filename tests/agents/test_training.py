@@ -384,14 +384,14 @@ def test_every_baseline_runs_on_every_environment(env_id, name):
 
 
 def test_the_observer_finds_the_payload():
-    from tensegrity_agents.controllers.two_x.reading import estimate_payload, read
+    from tensegrity_agents.controllers.two_x.reading import estimate_payload
     from tensegrity_envs.mechanics import TwoX
 
     envs = gym.make_vec(
         "tensegrity/TwoXPayloadReach-v0", 200, vectorization_mode="vector_entry_point", autoreset_mode="SameStep"
     )
     observation, info = envs.reset(seed=0)
-    estimate = estimate_payload(TwoX(envs.unwrapped.design), read(observation, envs.unwrapped.design, False))
+    estimate = estimate_payload(TwoX(envs.unwrapped.design), envs.unwrapped.core.schema.decode(observation))
     right = np.abs(estimate.payload - info["payload"]) < 1e-3
     assert right.mean() >= 0.98
     np.testing.assert_allclose(estimate.configuration[right], info["configuration"][right], atol=1e-4)

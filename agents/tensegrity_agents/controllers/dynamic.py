@@ -11,7 +11,8 @@ import numpy as np
 
 from tensegrity_agents.controllers.base import beginning
 from tensegrity_envs.compiler.pytree import is_array, tree_map
-from tensegrity_envs.core import Core, inverse_softsign
+from tensegrity_envs.core import Core
+from tensegrity_envs.observation import DecodedObservation
 
 Pace = Literal["full", "shaped", "smooth"]
 ADDS = {"full": "at full speed", "shaped": "shaped (ZVD)", "smooth": "smooth ramp"}
@@ -20,26 +21,8 @@ _PEAK = 15 / 8  # largest speed of the minimum-jerk time course, 1 being the mea
 _COURSE = int(_PEAK * _PLANNED)  # steps of a course
 
 
-class Sensed(NamedTuple):
-    """What is read off n observations.
-
-    Attributes:
-        inputs: shape (n, inputs).
-        tip: shape (n, 2) [m].
-        configuration: shape (n, joints) [rad], or None where it is not observed.
-        velocity: of the joints, shape (n, joints) [rad/s], or else of the tip, shape (n, 2) [m/s].
-        rest: the same observations as a quasi-static environment would give them.
-    """
-
-    inputs: np.ndarray
-    tip: np.ndarray
-    configuration: np.ndarray | None
-    velocity: np.ndarray
-    rest: dict[str, np.ndarray]
-
-
 class Dynamic:
-    """What ramps and damped controllers share: reading, active damping, and holding the inputs on a plan.
+    """What ramps and damped controllers share: active damping, and holding the inputs on a plan.
 
     Damping adds to the planned inputs u what gives the joint torques -c M velocity, or, where only the tip is observed,
     the tip force -c Lambda velocity, M being the arm's mass matrix at q = 0 (with the nominal masses), Lambda that of
@@ -76,50 +59,28 @@ class Dynamic:
         self.told = design, privileged
         self.base.begin_episodes(mask, design, privileged)
 
-    def sense(self, observation: Any) -> Sensed:
-        """Undo the normalization of `core.tip_inputs_and_angles`."""
-        vector = np.asarray(observation["observation"], float)
-        size = self.core.simulation.action_size
-        everything = bool(self.core.observe_all)  # type: ignore[attr-defined]
-        count = self.joints if everything else 2
-        velocity = inverse_softsign(vector[:, -count:]) * (1.0 if everything else self.core.reach)
-        angles = vector[:, 2 + size : 2 + size + 2 * self.joints]
-        return Sensed(
-            (vector[:, 2 : 2 + size] * (self.high - self.low) + self.high + self.low) / 2,
-            np.asarray(observation["achieved_goal"], float),
-            np.arctan2(angles[:, 0::2], angles[:, 1::2]) if everything else None,
-            velocity,
-            {**observation, "observation": vector[:, :-count]},
-        )
-
-    def with_inputs(self, sensed: Sensed, inputs: np.ndarray) -> dict[str, np.ndarray]:
-        """The quasi-static observations with other inputs."""
-        vector = sensed.rest["observation"].copy()
-        vector[:, 2 : 2 + inputs.shape[1]] = (2 * inputs - (self.high + self.low)) / (self.high - self.low)
-        return {**sensed.rest, "observation": vector}
-
-    def damped(self, sensed: Sensed, inputs: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def damped(self, observed: DecodedObservation, inputs: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Actions that bring the inputs to the planned ones, shape (n, inputs), and damp.
 
         Args:
-            sensed: the observation.
+            observed: the observation.
             inputs: planned.
             q: where the arm is, or is believed to be, shape (n, joints) [rad].
         """
-        if sensed.configuration is not None:
-            torque = self.damping * sensed.velocity @ self.mass
+        if "joint_angles" in observed:
+            torque = self.damping * observed.joint_rates @ self.mass
         else:
             jacobian = np.stack([np.stack(row, axis=1) for row in self.core.nominal.jacobian(tuple(q.T))], axis=1)
             mobility = np.einsum("nij,jk,nlk->nil", jacobian, np.linalg.inv(self.mass), jacobian)
             # Where the arm is stretched the tip cannot move in one direction, and nothing is to be damped there.
             tip_mass = np.linalg.inv(mobility + 0.02 * np.trace(mobility, axis1=1, axis2=2)[:, None, None] * np.eye(2))
-            torque = self.damping * np.einsum("nij,nik,nk->nj", jacobian, tip_mass, sensed.velocity)
-        effect = self._effect(q, sensed.inputs)
+            torque = self.damping * np.einsum("nij,nik,nk->nj", jacobian, tip_mass, observed.tip_velocity)
+        effect = self._effect(q, observed.inputs)
         normal = np.einsum("nji,nki->njk", effect, effect)
         normal += 1e-6 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(self.joints)
         change = np.einsum("nji,njk,nk->ni", effect, np.linalg.inv(normal), torque)
         wanted = np.clip(inputs + change, self.low, self.high)
-        return np.asarray(np.clip((wanted - sensed.inputs) / self.rate, -1.0, 1.0))
+        return np.asarray(np.clip((wanted - observed.inputs) / self.rate, -1.0, 1.0))
 
     def _effect(self, q: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """d (energy gradient) / d inputs, shape (n, joints, inputs): the gradient is linear in them."""
@@ -141,9 +102,9 @@ class Dynamic:
         rest = arm.equilibrium(actuation, tuple(np.zeros((self.joints, len(inputs)))))
         return np.stack(rest.configuration, axis=1)
 
-    def believed(self, sensed: Sensed, inputs: np.ndarray) -> np.ndarray:
+    def believed(self, observed: DecodedObservation, inputs: np.ndarray) -> np.ndarray:
         """Configurations (n, joints) [rad]: observed, or else where the nominal arm would rest."""
-        return self.resting(inputs) if sensed.configuration is None else sensed.configuration
+        return observed.joint_angles if "joint_angles" in observed else self.resting(inputs)
 
 
 class RampMemory(NamedTuple):
@@ -172,31 +133,31 @@ class Ramp(Dynamic):
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, RampMemory]:
         """Actions (n, inputs) for a batch of n observations."""
-        sensed = self.sense(observation)
-        n = len(sensed.tip)
+        observed = self.core.schema.decode(observation)
+        n = len(observed)
         fresh = beginning(n, state, episode_start)
         if state is None:
             state = RampMemory(np.zeros((n, _COURSE, self.core.simulation.action_size)), np.zeros(n, int))
         memory = RampMemory(*(np.array(part) for part in state))
         if fresh.any():
             index = np.flatnonzero(fresh)
-            memory.plan[index], memory.step[index] = self._laid_out(sensed, index), 0
+            memory.plan[index], memory.step[index] = self._laid_out(observation, index), 0
         rows = np.arange(n)
         wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
-        action = self.damped(sensed, wanted, self.believed(sensed, wanted))
+        action = self.damped(observed, wanted, self.believed(observed, wanted))
         return action, memory._replace(step=memory.step + 1)
 
-    def _laid_out(self, sensed: Sensed, index: np.ndarray) -> np.ndarray:
+    def _laid_out(self, observation: Any, index: np.ndarray) -> np.ndarray:
         """The plans of some environments: what the quasi-static controller does, its arm being where it says."""
-        rest = {key: np.asarray(value)[index] for key, value in sensed.rest.items()}
-        part = sensed._replace(rest=rest)
+        part = {key: np.asarray(value)[index] for key, value in observation.items()}
         start = np.ones(len(index), bool)
         design, privileged = self.told
         self.base.begin_episodes(start, design, tree_map(lambda value: value[index], privileged, is_array))
-        inputs, state = sensed.inputs[index], None
+        inputs, state = self.core.schema.decode(part).inputs, None
         path = [inputs]
         for _ in range(_PLANNED):
-            action, state = self.base.predict(self.with_inputs(part, inputs), state, start, deterministic=True)
+            imagined = self.core.schema.with_values(part, "inputs", inputs)
+            action, state = self.base.predict(imagined, state, start, deterministic=True)
             inputs = np.clip(inputs + self.rate * action, self.low, self.high)
             path.append(inputs)
             start = np.zeros(len(index), bool)
@@ -243,11 +204,12 @@ class Feedback(Dynamic):
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, FeedbackMemory]:
         """Actions (n, inputs) for a batch of n observations."""
-        sensed = self.sense(observation)
-        n = len(sensed.tip)
+        observed = self.core.schema.decode(observation)
+        n = len(observed)
         fresh = beginning(n, state, episode_start)
-        inputs = sensed.inputs if state is None else np.where(fresh[:, None], sensed.inputs, state.inputs)
+        inputs = observed.inputs if state is None else np.where(fresh[:, None], observed.inputs, state.inputs)
         before = None if state is None else state.base
-        action, base = self.base.predict(self.with_inputs(sensed, inputs), before, fresh, deterministic=True)
+        imagined = self.core.schema.with_values(observation, "inputs", inputs)
+        action, base = self.base.predict(imagined, before, fresh, deterministic=True)
         inputs = np.clip(inputs + self.rate * action, self.low, self.high)
-        return self.damped(sensed, inputs, self.believed(sensed, inputs)), FeedbackMemory(inputs, base)
+        return self.damped(observed, inputs, self.believed(observed, inputs)), FeedbackMemory(inputs, base)

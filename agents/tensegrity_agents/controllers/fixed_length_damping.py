@@ -17,6 +17,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from tensegrity_envs.core import Core
+from tensegrity_envs.observation import DecodedObservation
 
 _STEP = 1e-5  # of differences, as a share of the scale of lengths
 _AT_FIRST, _LATER = 60, 2  # iterations of Riccati's equation
@@ -28,7 +29,7 @@ class Modes(Protocol):
     count: int  # elastic coordinates
     scale: float  # of lengths [m]
 
-    def read(self, observation: Any, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def read(self, observed: DecodedObservation, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """w - w0(l) [rad], the rate of w [rad/s], and what tells branches apart, (n, ...)."""
         ...
 
@@ -95,18 +96,18 @@ class Damping:
         return DampingMemory(lengths, still, still, np.full((len(lengths), size, size), np.nan))
 
     def act(
-        self, observation: Any, lengths: np.ndarray, planned: np.ndarray, memory: DampingMemory
+        self, observed: DecodedObservation, lengths: np.ndarray, planned: np.ndarray, memory: DampingMemory
     ) -> tuple[np.ndarray, DampingMemory]:
         """The lengths to command.
 
         Args:
-            observation: of n environments.
+            observed: of n environments.
             lengths: commanded last, shape (n, inputs) [m].
             planned: after this step, shape (n, inputs) [m].
             memory: from the step before.
         """
         m = lengths.shape[1]
-        away, rate, branch = self.modes.read(observation, lengths)
+        away, rate, branch = self.modes.read(observed, lengths)
         jump, flow, weight, slope = self._system(lengths, branch)
         v = (planned - memory.lengths) / self.time
         speed = rate - np.einsum("nij,nj->ni", slope, memory.rate + memory.deviation)

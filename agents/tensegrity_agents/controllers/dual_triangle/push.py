@@ -10,9 +10,9 @@ import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, Privileged, beginning, renewed
 from tensegrity_agents.controllers.dual_triangle.identification import explain
-from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
 from tensegrity_agents.controllers.dual_triangle.stiffening import Loop, hold, withstood
 from tensegrity_envs.mechanics.dual_triangle import DualTriangleDesign
+from tensegrity_envs.observation import DecodedObservation
 
 _PLACES = 180  # on the self-motion curve
 _FINE = np.linspace(-1.0, 1.0, 11)
@@ -56,17 +56,18 @@ class PushController(AnalyticController):
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Memory]:
         """Actions (n, 6) for a batch of n observations."""
-        reading = read(observation, self.core)
-        n = len(reading.tip)
+        observed = self.core.schema.decode(observation)
+        n = len(observed)
         fresh = beginning(n, state, episode_start)
-        q = reading.configuration
-        if q is None:
-            q = explain(self.nominal, reading.tip, reading.inputs).configuration
+        if "joint_angles" in observed:
+            q = observed.joint_angles
+        else:
+            q = explain(self.nominal, observed.tip, observed.inputs).configuration
         new = Memory(np.zeros(n, int), q, np.zeros((n, 2)), np.zeros(n), np.ones(n), np.zeros((n, 2)))
-        action, memory = self._act(reading, q, renewed(fresh, new, state))
+        action, memory = self._act(observed, q, renewed(fresh, new, state))
         return np.clip(action, -1.0, 1.0), memory._replace(step=memory.step + 1)
 
-    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _act(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
         """Actions (n, 6) for configurations (n, 3) [rad]."""
         raise NotImplementedError
 
@@ -76,8 +77,8 @@ class HoldInputs(PushController):
 
     knows = "the nominal design; no feedback"
 
-    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
-        return np.zeros_like(reading.inputs), memory
+    def _act(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        return np.zeros_like(observed.inputs), memory
 
 
 class PushPseudoInverse(PushController):
@@ -89,13 +90,13 @@ class PushPseudoInverse(PushController):
     gain = 0.5
     damping = 0.005  # [m/rad]
 
-    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
-        x, y = (reading.tip + self.gain * (reading.target - reading.tip)).T
+    def _act(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        x, y = (observed.tip + self.gain * (observed.target - observed.tip)).T
         step = np.stack(self.nominal.moore_penrose_step(tuple(q.T), x, y, self.damping), axis=1)
         limit = float(self.nominal.design.joint_limit)
         commanded = np.clip(memory.commanded + step, -limit, limit)
         lengths = np.stack(self.nominal.free_lengths(self.nominal.control(tuple(commanded.T))), axis=1)
-        return (lengths - reading.inputs) / self.rate, memory._replace(commanded=commanded)
+        return (lengths - observed.inputs) / self.rate, memory._replace(commanded=commanded)
 
 
 class PushObserver(PushController):
@@ -114,16 +115,16 @@ class PushObserver(PushController):
     safe = 0.02  # stability margin beyond which no more is asked for
     first_move = 1  # step; before, the direction of the load is not known
 
-    def _act(self, reading: Reading, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
-        load = np.stack(self.nominal.estimate_load(tuple(q.T), tuple(reading.inputs.T)), axis=1)
+    def _act(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        load = np.stack(self.nominal.estimate_load(tuple(q.T), tuple(observed.inputs.T)), axis=1)
         growth = self._growth(load, memory)
         begins = np.flatnonzero(self._plans_now(memory))
         if len(begins):
-            plan = self._plan(reading.target[begins], q[begins], growth[begins])
+            plan = self._plan(observed.target[begins], q[begins], growth[begins])
             memory = Memory(*(np.array(part) for part in memory))
             memory.goal[begins], memory.way[begins], memory.offset[begins] = plan
         moves = memory.step >= self.first_move
-        return self._step(reading, q, load + growth, moves, memory), memory._replace(load=load)
+        return self._step(observed, q, load + growth, moves, memory), memory._replace(load=load)
 
     def _growth(self, load: np.ndarray, memory: Memory) -> np.ndarray:
         """What the load will grow by in the next step [N], (n, 2)."""
@@ -181,22 +182,24 @@ class PushObserver(PushController):
             side, s = angle[rows, best][:, 0], where[rows, best][:, 0]
         return s % (2 * np.pi), radius * np.stack([np.cos(side), np.sin(side)], axis=1)
 
-    def _step(self, reading: Reading, q: np.ndarray, load: np.ndarray, moves: np.ndarray, memory: Memory) -> np.ndarray:
+    def _step(
+        self, observed: DecodedObservation, q: np.ndarray, load: np.ndarray, moves: np.ndarray, memory: Memory
+    ) -> np.ndarray:
         """Actions (n, 6): of all combinations of moving and stiffening the best that is possible under the load."""
         along, stiffer = (v.ravel()[:, None] for v in np.meshgrid(_SHARES, _SHARES))
-        ahead = self._ahead(reading, q, along, moves, memory)
+        ahead = self._ahead(observed, q, along, moves, memory)
         nominal = self.nominal.free_lengths((0.0, 0.0, 0.0))
-        beyond = reading.inputs - np.array(nominal)
+        beyond = observed.inputs - np.array(nominal)
         common = tuple(((beyond[:, 0::2] + beyond[:, 1::2]) / 2).T)
         held = hold(self.nominal, self.bounds, ahead, tuple(load.T), common, stiffer)
-        change = (np.stack(held.free_lengths) - reading.inputs.T[:, None]) / self.rate
+        change = (np.stack(held.free_lengths) - observed.inputs.T[:, None]) / self.rate
         largest = np.abs(change).max(axis=0)
         rank = 10 * np.minimum(held.stability_margin / self.safe, 1.0) + stiffer + 0.5 * along
         best = np.where(largest <= 1.0, rank, -1e3 * largest).argmax(axis=0)
         return np.asarray(change[:, best, np.arange(len(q))].T)
 
     def _ahead(
-        self, reading: Reading, q: np.ndarray, along: np.ndarray, moves: np.ndarray, memory: Memory
+        self, observed: DecodedObservation, q: np.ndarray, along: np.ndarray, moves: np.ndarray, memory: Memory
     ) -> np.ndarray:
         """Postures (3, m, n) [rad] at the shares `along` (m, 1) of a stride; share 0 leaves the posture as it is."""
         arm, n = self.nominal, len(q)
@@ -207,7 +210,7 @@ class PushObserver(PushController):
         stride = np.where(moves, np.clip(left, -self.largest_turn, self.largest_turn), 0.0)
         # The tip goes to its offset in step with the place on the curve.
         pace = np.where(moves, np.where(np.abs(left) > 1e-9, stride / np.where(left == 0, 1.0, left), 1.0), 0.0)
-        x, y = (tip[i] + along * pace * ((reading.target + memory.offset)[:, i] - tip[i]) for i in range(2))
+        x, y = (tip[i] + along * pace * ((observed.target + memory.offset)[:, i] - tip[i]) for i in range(2))
         ahead = Loop(arm, (x.ravel(), y.ravel())).at((here + along * stride).ravel()).reshape(3, -1, n)
         return np.where(along == 0, q.T[:, None], ahead)
 

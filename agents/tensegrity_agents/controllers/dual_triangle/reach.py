@@ -11,9 +11,9 @@ import numpy as np
 from tensegrity_agents.controllers.base import AnalyticController, Privileged, beginning
 from tensegrity_agents.controllers.dual_triangle.identification import advance, explain
 from tensegrity_agents.controllers.dual_triangle.planning import RoadMap, choose_posture, schedule
-from tensegrity_agents.controllers.dual_triangle.reading import Reading, read
 from tensegrity_envs.mechanics.dual_triangle import DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
+from tensegrity_envs.observation import DecodedObservation
 
 _POSTURES = np.random.default_rng(0).uniform(-1.0, 1.0, (400, 3))  # of the joint limits
 _STEPS = 100  # planned ahead; afterwards the last inputs are held
@@ -72,39 +72,39 @@ class ReachController(AnalyticController):
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Memory]:
         """Actions (n, 3) for a batch of n observations."""
-        reading = read(observation, self.core)
-        n = len(reading.tip)
+        observed = self.core.schema.decode(observation)
+        n = len(observed)
         fresh = beginning(n, state, episode_start)
         if state is None:
             state = _nothing(n)
         memory = Memory(*(np.array(part) for part in state))
         if fresh.any():
             index = np.flatnonzero(fresh)
-            part = reading.take(index)
+            part = observed.take(index)
             start = self._start(part)
             new = _nothing(len(index))._replace(plan=self._plan(part, start, index), commanded=start)
             for old, value in zip(memory, new, strict=True):
                 old[index] = value
-        action, memory = self._act(reading, memory)
+        action, memory = self._act(observed, memory)
         return np.clip(action, -1.0, 1.0), memory
 
-    def _start(self, reading: Reading) -> np.ndarray:
+    def _start(self, observed: DecodedObservation) -> np.ndarray:
         """Configurations (n, 3) [rad]: observed, or else where the nominal arm would rest under the inputs."""
-        if reading.configuration is not None:
-            return reading.configuration
+        if "joint_angles" in observed:
+            return observed.joint_angles
         # The law q -> inputs of the unloaded arm has one inverse; from the middle it is reached stably.
-        lengths = self.nominal.free_lengths(tuple(reading.inputs.T))
-        rest = self.nominal.equilibrium(lengths, tuple(np.zeros((3, len(reading.tip)))))
+        lengths = self.nominal.free_lengths(tuple(observed.inputs.T))
+        rest = self.nominal.equilibrium(lengths, tuple(np.zeros((3, len(observed.tip)))))
         return np.stack(rest.configuration, axis=1)
 
-    def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
+    def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
         """Inputs after each step, (n, steps, 3) [m]. `index` tells which environments these are."""
         raise NotImplementedError
 
-    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         rows = np.arange(len(memory.step))
         wanted = memory.plan[rows, np.minimum(memory.step, _STEPS - 1)]
-        return (wanted - reading.inputs) / self.rate, memory._replace(step=memory.step + 1)
+        return (wanted - observed.inputs) / self.rate, memory._replace(step=memory.step + 1)
 
 
 class ClosedForm(ReachController):
@@ -115,14 +115,14 @@ class ClosedForm(ReachController):
 
     objective: Objective = "squares"
 
-    def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
-        x, y = reading.target.T
+    def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
+        x, y = observed.target.T
         found = self.nominal.redundancy(x, y, tuple(start.T), self.objective, self.joint_limit)
         goal = np.clip(np.stack(self.nominal.control(found.configuration), axis=1), -self.bound, self.bound)
-        gap = goal - reading.inputs
+        gap = goal - observed.inputs
         steps = np.maximum(np.abs(gap).max(axis=1) / self.rate, 1.0)
         share = np.minimum(np.arange(1, _STEPS + 1) / steps[:, None], 1.0)
-        return np.asarray(reading.inputs[:, None] + share[..., None] * gap[:, None])
+        return np.asarray(observed.inputs[:, None] + share[..., None] * gap[:, None])
 
 
 class ClosedFormSum(ClosedForm):
@@ -169,18 +169,18 @@ class PseudoInverse(ReachController):
     spread = 0.85  # of the postures of the table, as a share of the joint limit
     apart = 0.6  # so different the next posture is, in one joint at least [rad]
 
-    def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
+    def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
         return np.zeros((len(start), _STEPS, 3))
 
-    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         q, limit = memory.commanded, self.joint_limit
-        error = reading.target - reading.tip
-        memory = self._watch(reading, np.hypot(*error.T), memory)
+        error = observed.target - observed.tip
+        memory = self._watch(observed, np.hypot(*error.T), memory)
         step = self._resolved_rate(q, self.gain * error)
         goal = np.clip(np.where(memory.crossing[:, None], memory.restart_at, q + step), -limit, limit)
         gap = goal - q
         gap = gap * np.minimum(1.0, self.largest_turn / np.maximum(np.abs(gap).max(axis=1, keepdims=True), 1e-12))
-        change = np.stack(self.nominal.control(tuple((q + gap).T)), axis=1) - reading.inputs
+        change = np.stack(self.nominal.control(tuple((q + gap).T)), axis=1) - observed.inputs
         share = 1.0 / np.maximum(np.abs(change).max(axis=1, keepdims=True) / self.rate, 1.0)
         commanded = q + share * gap
         return share * change / self.rate, memory._replace(commanded=commanded, step=memory.step + 1)
@@ -202,7 +202,7 @@ class PseudoInverse(ReachController):
             step * np.minimum(1.0, self.largest_step / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
         )
 
-    def _watch(self, reading: Reading, distance: np.ndarray, memory: Memory) -> Memory:
+    def _watch(self, observed: DecodedObservation, distance: np.ndarray, memory: Memory) -> Memory:
         """Begin to cross over to another posture where there was no progress, and end it there."""
         q, limit = memory.commanded, self.joint_limit
         progress = (distance < 0.98 * memory.least) | (distance <= self.core.task.tolerance)
@@ -210,7 +210,7 @@ class PseudoInverse(ReachController):
         stuck = (waited > self.patience) & (np.abs(q).max(axis=1) > limit - 0.1) & ~memory.crossing
         table = self.spread * limit * _POSTURES
         tips = np.stack(self.nominal.tip(tuple(table.T)), axis=1)
-        away = np.linalg.norm(reading.target[:, None] - tips, axis=2)
+        away = np.linalg.norm(observed.target[:, None] - tips, axis=2)
         away += np.where(np.abs(table - q[:, None]).max(axis=2) < self.apart, np.inf, 0.0)
         restart_at = np.where(stuck[:, None], table[away.argmin(axis=1)], memory.restart_at)
         there = np.abs(restart_at - q).max(axis=1) < 1e-3
@@ -233,15 +233,15 @@ class Observer(ReachController):
 
     knows = "the nominal design; identifies configuration and load from tip and inputs, checks stability"
 
-    def _identified(self, reading: Reading, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _identified(self, observed: DecodedObservation, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Configuration (n, 3) [rad] and load (n, 2) [N]."""
-        lengths = np.stack(self.nominal.free_lengths(tuple(reading.inputs.T)), axis=1)
-        estimate = explain(self.nominal, reading.tip, lengths)
+        lengths = np.stack(self.nominal.free_lengths(tuple(observed.inputs.T)), axis=1)
+        estimate = explain(self.nominal, observed.tip, lengths)
         return estimate.configuration, estimate.load
 
-    def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
-        q, load = self._identified(reading, index)
-        goal, _ = choose_posture(self.nominal, self.bound, q, reading.target, load)
+    def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
+        q, load = self._identified(observed, index)
+        goal, _ = choose_posture(self.nominal, self.bound, q, observed.target, load)
         paths = [np.stack(ends) for ends in zip(q, goal, strict=True)]
         return self._scheduled(paths, load)
 
@@ -258,37 +258,39 @@ class Oracle(Privileged, Observer):
     knows = "the true load; plans paths inside the set of stable postures"
     attempts = 4
 
-    def _identified(self, reading: Reading, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _identified(self, observed: DecodedObservation, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert self.privileged is not None
-        q, found = super()._identified(reading, index)
+        q, found = super()._identified(observed, index)
         load = np.empty_like(found)
         for axis, force in enumerate(self.privileged.load):
             load[:, axis] = force[index] if np.ndim(force) else force
         return q, load
 
-    def _plan(self, reading: Reading, start: np.ndarray, index: np.ndarray) -> np.ndarray:
-        plans = super()._plan(reading, start, index)
-        q, load = self._identified(reading, index)
-        failed = np.flatnonzero(self._final_error(q, reading, plans, load) > self.core.task.tolerance / 2)
+    def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
+        plans = super()._plan(observed, start, index)
+        q, load = self._identified(observed, index)
+        failed = np.flatnonzero(self._final_error(q, observed, plans, load) > self.core.task.tolerance / 2)
         for i in failed:
             for seed in range(self.attempts):
                 roads = RoadMap(self.nominal, self.bound, load[i], np.random.default_rng(seed))
-                path = roads.path(q[i], reading.target[i], self.rate)
+                path = roads.path(q[i], observed.target[i], self.rate)
                 if not path:
                     continue
                 plan = self._scheduled([np.array([q[i], *path])], load[[i]])
                 one = np.array([i])
-                if self._final_error(q[one], reading.take(one), plan, load[one])[0] <= self.core.task.tolerance / 2:
+                if self._final_error(q[one], observed.take(one), plan, load[one])[0] <= self.core.task.tolerance / 2:
                     plans[i] = plan[0]
                     break
         return plans
 
-    def _final_error(self, q: np.ndarray, reading: Reading, plans: np.ndarray, load: np.ndarray) -> np.ndarray:
+    def _final_error(
+        self, q: np.ndarray, observed: DecodedObservation, plans: np.ndarray, load: np.ndarray
+    ) -> np.ndarray:
         """Distance of the tip from the target at the end of plans [m], (n,); infinite where the arm buckles."""
-        inputs, fine = reading.inputs, np.ones(len(q), bool)
-        tip = reading.tip
+        inputs, fine = observed.inputs, np.ones(len(q), bool)
+        tip = observed.tip
         for step in range(plans.shape[1]):
             wanted = inputs + np.clip(plans[:, step] - inputs, -self.rate, self.rate)
             q, stable, tip = advance(self.nominal, q, inputs, wanted, load)
             inputs, fine = wanted, fine & stable
-        return np.where(fine, np.hypot(*(tip - reading.target).T), np.inf)
+        return np.where(fine, np.hypot(*(tip - observed.target).T), np.inf)

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.base import beginning, renewed
-from tensegrity_agents.controllers.dynamic import ADDS, Pace, Ramp, Sensed
+from tensegrity_agents.controllers.dynamic import ADDS, Pace, Ramp
 from tensegrity_agents.controllers.fixed_length_damping import Damping, DampingMemory
 from tensegrity_agents.controllers.planar_four_bar.modes import FourBarModes
 from tensegrity_envs.core import Core
+from tensegrity_envs.observation import DecodedObservation
 
 
 class Laid(NamedTuple):
@@ -47,14 +48,7 @@ class FourBarWay(Ramp):
         self.modes = FourBarModes(core)
         self.damper = Damping(core, self.modes)
 
-    def sense(self, observation: Any) -> Sensed:
-        """Lengths and tip; velocities are left to the damping."""
-        vector = np.asarray(observation["observation"], float)
-        lengths = (vector[:, 2:4] * (self.high - self.low) + self.high + self.low) / 2
-        tip = np.asarray(observation["achieved_goal"], float)
-        return Sensed(lengths, tip, None, np.zeros_like(tip), {**observation, "observation": vector[:, :-4]})
-
-    def believed(self, sensed: Sensed, inputs: np.ndarray) -> np.ndarray:
+    def believed(self, observed: DecodedObservation, inputs: np.ndarray) -> np.ndarray:
         """Nothing that is needed."""
         return np.zeros_like(inputs)
 
@@ -62,26 +56,26 @@ class FourBarWay(Ramp):
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Laid]:
         """Actions (n, 2) for a batch of n observations."""
-        sensed = self.sense(observation)
-        n = len(sensed.tip)
+        observed = self.core.schema.decode(observation)
+        n = len(observed)
         fresh = beginning(n, state, episode_start)
         plan: Any
         plan, step, damping = (None, np.zeros(n, int), None) if state is None else state
-        damping = renewed(fresh, self.damper.begin(sensed.inputs), damping)
+        damping = renewed(fresh, self.damper.begin(observed.inputs), damping)
         if fresh.any():
             index = np.flatnonzero(fresh)
-            new = self._planned(observation, sensed, index)
+            new = self._planned(observation, index)
             plan = np.zeros((n, *new.shape[1:])) if plan is None else plan.copy()
             plan[index], step = new, np.where(fresh, 0, step)
         wanted = plan[np.arange(n), np.minimum(step, plan.shape[1] - 1)]
         if self.is_damped:
-            wanted, damping = self.damper.act(observation, sensed.inputs, wanted, damping)
-        action = np.clip((np.clip(wanted, self.low, self.high) - sensed.inputs) / self.rate, -1.0, 1.0)
+            wanted, damping = self.damper.act(observed, observed.inputs, wanted, damping)
+        action = np.clip((np.clip(wanted, self.low, self.high) - observed.inputs) / self.rate, -1.0, 1.0)
         return action, Laid(plan, step + 1, damping)
 
-    def _planned(self, observation: Any, sensed: Sensed, index: np.ndarray) -> np.ndarray:
+    def _planned(self, observation: Any, index: np.ndarray) -> np.ndarray:
         """Lengths after each step of the environments at `index`, shape (m, steps, 2) [m]."""
-        plan = self._laid_out(sensed, index)
+        plan = self._laid_out(observation, index)
         if self.pace != "shaped":
             return plan
         return self._shaped({key: np.asarray(value)[index] for key, value in observation.items()}, plan)
@@ -92,10 +86,11 @@ class FourBarWay(Ramp):
     def _shaped(self, observation: Any, plan: np.ndarray) -> np.ndarray:
         """The plan, a quarter of it now, half of it half a period later, a quarter a period later; for each mode."""
         n, length, _ = plan.shape
-        _, _, branch = self.modes.read(observation, plan[:, -1])
+        observed = self.core.schema.decode(observation)
+        _, _, branch = self.modes.read(observed, plan[:, -1])
         halves = self.damper.half_periods(plan[:, -1], branch)
         plan = np.concatenate([plan, np.repeat(plan[:, -1:], 50, axis=1)], axis=1)
-        start = self.sense(observation).inputs[:, None]
+        start = observed.inputs[:, None]
         for half in halves.T:
             moved = 0.25 * plan
             for share, delay in ((0.5, half), (0.25, 2 * half)):
@@ -124,17 +119,18 @@ class FourBarFeedback(FourBarWay):
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Actions (n, 2) for a batch of n observations."""
-        sensed = self.sense(observation)
-        n = len(sensed.tip)
+        observed = self.core.schema.decode(observation)
+        n = len(observed)
         fresh = beginning(n, state, episode_start)
         damping, base = (None, None) if state is None else state
-        damping = renewed(fresh, self.damper.begin(sensed.inputs), damping)
+        damping = renewed(fresh, self.damper.begin(observed.inputs), damping)
         inputs = damping.lengths
-        action, base = self.base.predict(self.with_inputs(sensed, inputs), base, fresh, deterministic=True)
+        imagined = self.core.schema.with_values(observation, "inputs", inputs)
+        action, base = self.base.predict(imagined, base, fresh, deterministic=True)
         wanted = np.clip(inputs + self.rate * action, self.low, self.high)
         if self.is_damped:
-            commanded, damping = self.damper.act(observation, sensed.inputs, wanted, damping)
+            commanded, damping = self.damper.act(observed, observed.inputs, wanted, damping)
         else:
             commanded, damping = wanted, damping._replace(lengths=wanted)
-        step = np.clip(commanded, self.low, self.high) - sensed.inputs
+        step = np.clip(commanded, self.low, self.high) - observed.inputs
         return np.clip(step / self.rate, -1.0, 1.0), (damping, base)

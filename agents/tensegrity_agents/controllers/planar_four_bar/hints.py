@@ -6,16 +6,15 @@ import numpy as np
 
 from tensegrity_agents.controllers.planar_four_bar.planning import way_points
 from tensegrity_agents.controllers.planar_four_bar.reading import (
-    Reading,
     configuration,
     force_across,
-    read,
     resolved_rate,
     side,
 )
 from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics.detour import shortest_way
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
+from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation.actuator_lengths import is_open
 from tensegrity_envs.tasks import InputReach
 
@@ -59,15 +58,15 @@ class Hints:
             on F along it, divided by K L (1); the stability margin m, were that all of the force, as m / (1 + |m|) (1).
             And the memory.
         """
-        reading = read(observation, self.core)
-        across, force = force_across(self.nominal, reading)
-        here = side(self.nominal, reading)
-        end = self._end(reading, here)
-        return self._columns(reading, here, end, (across, force), across * force[:, None]), memory
+        observed = self.core.schema.decode(observation)
+        across, force = force_across(self.nominal, observed)
+        here = side(self.nominal, observed)
+        end = self._end(observed, here)
+        return self._columns(observed, here, end, (across, force), across * force[:, None]), memory
 
     def _columns(
         self,
-        reading: Reading,
+        observed: DecodedObservation,
         here: np.ndarray,
         end: np.ndarray,
         push: tuple[np.ndarray, np.ndarray],
@@ -75,12 +74,12 @@ class Hints:
     ) -> np.ndarray:
         """What is told about actuator lengths to go to and a force on F."""
         nominal, rate = self.nominal, self.rate
-        lengths = tuple(reading.lengths.T)
+        lengths = tuple(observed.actuator_lengths.T)
         _, corner = shortest_way(lengths, tuple(end.T), self.obstacle)
-        gap = np.stack(corner, axis=1) - reading.lengths
-        step = resolved_rate(nominal, reading.lengths, here, reading.target - reading.tip, _DAMPING)
+        gap = np.stack(corner, axis=1) - observed.actuator_lengths
+        step = resolved_rate(nominal, observed.actuator_lengths, here, observed.target - observed.tip, _DAMPING)
         step = np.where((np.stack(corner, axis=1) == end).all(axis=1, keepdims=True), step, 0.0)
-        margin = np.asarray(nominal.stability_margin(tuple(configuration(nominal, reading).T), lengths, tuple(load.T)))
+        margin = np.asarray(nominal.stability_margin(tuple(configuration(nominal, observed).T), lengths, tuple(load.T)))
         across, force = push
         columns = [
             gap / (2 * float(nominal.length)),
@@ -93,14 +92,14 @@ class Hints:
         ]
         return np.concatenate(columns, axis=1)
 
-    def _end(self, reading: Reading, here: np.ndarray) -> np.ndarray:
+    def _end(self, observed: DecodedObservation, here: np.ndarray) -> np.ndarray:
         """Actuator lengths to go to, shape (n, 2) [m]."""
-        found, sides, exists = rectangles(self.nominal, *reading.target.T)
+        found, sides, exists = rectangles(self.nominal, *observed.target.T)
         fits = exists & (sides == here) & is_open(self.nominal, tuple(found), self.margin)
-        way, _ = shortest_way(tuple(reading.lengths.T), tuple(found), self.obstacle)
+        way, _ = shortest_way(tuple(observed.actuator_lengths.T), tuple(found), self.obstacle)
         nearest = np.where(fits, way, np.inf).argmin(axis=0)
         end: np.ndarray = found[:, nearest, np.arange(len(nearest))].T
         none = np.flatnonzero(~fits.any(axis=0))
         tips = self.tips[np.where(here[none] > 0, 0, 1)]
-        end[none] = self.places[np.linalg.norm(tips - reading.target[none, None], axis=2).argmin(axis=1)]
+        end[none] = self.places[np.linalg.norm(tips - observed.target[none, None], axis=2).argmin(axis=1)]
         return end

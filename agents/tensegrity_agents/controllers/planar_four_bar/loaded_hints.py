@@ -9,15 +9,14 @@ from tensegrity_agents.controllers.planar_four_bar.hints import Hints
 from tensegrity_agents.controllers.planar_four_bar.planning import ends, trips
 from tensegrity_agents.controllers.planar_four_bar.reading import (
     NOTICEABLE,
-    Reading,
     configuration,
     force_across,
     identified,
-    read,
     side,
     with_posture,
 )
 from tensegrity_envs.mechanics.detour import shortest_way
+from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl, wrench_margin
 
 _PLACES = 8  # inverse solutions that are kept
@@ -60,8 +59,8 @@ class LoadedHints(Hints):
             of the episode have revealed; that force, divided by K L (2); how well it is known, from 0 to 1 (1). And the
             memory.
         """
-        reading = read(observation, self.core)
-        here, push = side(self.nominal, reading), force_across(self.nominal, reading)
+        observed = self.core.schema.decode(observation)
+        here, push = side(self.nominal, observed), force_across(self.nominal, observed)
         n = len(here)
         nothing = Memory(
             np.zeros((n, 2, 2)),
@@ -76,28 +75,29 @@ class LoadedHints(Hints):
         force = float(self.nominal.largest_force)
         again = np.flatnonzero(~(np.hypot(*(load - before.load).T) < NOTICEABLE * force))  # NaN: never found
         places, far, found_for = before.ends.copy(), before.far.copy(), before.load.copy()
-        places[again], far[again] = self._ends(reading.take(again), load[again])
+        places[again], far[again] = self._ends(observed.take(again), load[again])
         found_for[again] = load[again]
         least = np.linalg.eigvalsh(information)[:, 0]
         columns = [
-            self._columns(reading, here, self._nearest(reading, here, places, far), push, load),
+            self._columns(observed, here, self._nearest(observed, here, places, far), push, load),
             load / force,
             (least / (least + _KNOWN))[:, None],
         ]
         return np.concatenate(columns, axis=1), Memory(information, evidence, found_for, places, far)
 
-    def _ends(self, reading: Reading, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _ends(self, observed: DecodedObservation, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Actuator lengths (n, 8, 2) [m] that hold the target, and what to add to the way there (n, 8) [m]."""
         nominal, simulation = self.nominal, cast(LoadedLengthControl, self.core.simulation)
         low, high = simulation.bounds(nominal)
-        owner, lengths = ends(nominal, reading.target, load, (float(low), float(high)))
-        there = Reading(reading.target[owner], reading.target[owner], lengths)
+        owner, lengths = ends(nominal, observed.target, load, (float(low), float(high)))
+        there = observed.take(owner)
+        there = there.replace(tip=there.target, actuator_lengths=lengths)
         state = tuple(configuration(nominal, there).T), tuple(lengths.T), tuple(load[owner].T)
         good = (np.asarray(nominal.stability_margin(*state)) >= self.margin) & (wrench_margin(nominal, *state) >= 0)
         owner, lengths = owner[good], lengths[good]
-        start = reading.take(owner)
-        _, corner = shortest_way(tuple(start.lengths.T), tuple(lengths.T), self.obstacle)
-        points = np.stack([start.lengths, np.stack(corner, axis=1), lengths, lengths], axis=1)
+        start = observed.take(owner)
+        _, corner = shortest_way(tuple(start.actuator_lengths.T), tuple(lengths.T), self.obstacle)
+        points = np.stack([start.actuator_lengths, np.stack(corner, axis=1), lengths, lengths], axis=1)
         tip, margin = trips(nominal, configuration(nominal, start), points, load[owner])
         leads = (np.hypot(*(tip - start.target).T) < self.core.task.tolerance) & (margin > 0)
         order = np.lexsort((~leads, owner))
@@ -109,14 +109,16 @@ class LoadedHints(Hints):
         far[owner[kept], rank[kept]] = np.where(leads[kept], 0.0, 10 * float(nominal.length))  # more than all ways
         return found, far
 
-    def _nearest(self, reading: Reading, here: np.ndarray, places: np.ndarray, far: np.ndarray) -> np.ndarray:
+    def _nearest(
+        self, observed: DecodedObservation, here: np.ndarray, places: np.ndarray, far: np.ndarray
+    ) -> np.ndarray:
         """The nearest of the places (n, 8, 2), or where there is none what holds near the target without a load."""
         exists = np.isfinite(places[:, :, 0])
         somewhere = np.where(exists[:, :, None], places, 0.0)
-        start = tuple(reading.lengths.T[:, :, None])
+        start = tuple(observed.actuator_lengths.T[:, :, None])
         way, _ = shortest_way(start, tuple(np.moveaxis(somewhere, 2, 0)), self.obstacle)
         end: np.ndarray = somewhere[np.arange(len(here)), np.where(exists, way + far, np.inf).argmin(axis=1)]
         none = np.flatnonzero(~exists.any(axis=1))
         if len(none):
-            end[none] = self._end(reading.take(none), here[none])
+            end[none] = self._end(observed.take(none), here[none])
         return end

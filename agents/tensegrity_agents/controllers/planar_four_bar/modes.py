@@ -1,11 +1,10 @@
 """What is elastic in a planar 4-bar mechanism whose actuators are locked, for `fixed_length_damping`."""
 
-from typing import Any
-
 import numpy as np
 
 from tensegrity_agents.controllers.fixed_length_damping import matrices
-from tensegrity_envs.core import Core, inverse_softsign
+from tensegrity_envs.core import Core
+from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagonals
 
 
@@ -18,13 +17,12 @@ class FourBarModes:
         self.core, self.nominal = core, core.nominal
         self.scale = float(self.nominal.length)
 
-    def read(self, observation: Any, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def read(self, observed: DecodedObservation, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `Modes`; the branch is the side of CD."""
-        vector = np.asarray(observation["observation"], float)
-        w = np.arctan2(vector[:, 4:8:2], vector[:, 5:8:2])
+        w = observed.joint_angles
         branch = np.asarray(side_of_diagonals(tuple(w.T)))
         away = w - self.rest(lengths, branch)
-        return np.arctan2(np.sin(away), np.cos(away)), inverse_softsign(vector[:, -2:]), branch
+        return np.arctan2(np.sin(away), np.cos(away)), observed.joint_rates[:, 2:], branch
 
     def rest(self, lengths: np.ndarray, branch: np.ndarray) -> np.ndarray:
         """See `Modes`."""

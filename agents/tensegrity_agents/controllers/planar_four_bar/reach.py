@@ -12,16 +12,15 @@ from tensegrity_agents.controllers.base import AnalyticController, Privileged, b
 from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, way_points
 from tensegrity_agents.controllers.planar_four_bar.reading import (
     NOTICEABLE,
-    Reading,
     configuration,
     force_across,
     identified,
-    read,
     resolved_rate,
     side,
     with_posture,
 )
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBarDesign
+from tensegrity_envs.observation import DecodedObservation
 
 
 class Memory(NamedTuple):
@@ -82,30 +81,30 @@ class ReachController(AnalyticController):
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Memory]:
         """Actions (n, 2) for a batch of n observations."""
-        reading = read(observation, self.core)
-        n = len(reading.tip)
+        observed = self.core.schema.decode(observation)
+        n = len(observed.tip)
         fresh = beginning(n, state, episode_start)
-        memory = renewed(fresh, _nothing(reading.lengths), state)
-        action, memory = self._act(reading, memory)
+        memory = renewed(fresh, _nothing(observed.actuator_lengths), state)
+        action, memory = self._act(observed, memory)
         return np.clip(action, -1.0, 1.0), memory._replace(step=memory.step + 1)
 
-    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         """Actions, and what to remember."""
-        return self._along(reading, self._planned(reading, memory, np.flatnonzero(memory.step == 0)))
+        return self._along(observed, self._planned(observed, memory, np.flatnonzero(memory.step == 0)))
 
-    def _load(self, reading: Reading, memory: Memory) -> np.ndarray:
+    def _load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
         """The force on F that is planned with, shape (n, 2) [N]."""
-        return np.zeros_like(reading.tip)
+        return np.zeros_like(observed.tip)
 
-    def _planned(self, reading: Reading, memory: Memory, index: np.ndarray) -> Memory:
+    def _planned(self, observed: DecodedObservation, memory: Memory, index: np.ndarray) -> Memory:
         """With new ways for the environments at `index`."""
         if not len(index):
             return memory
-        part, load = reading.take(index), self._load(reading, memory)[index]
+        part, load = observed.take(index), self._load(observed, memory)[index]
         q = configuration(self.nominal, part)
         tolerance = self.core.task.tolerance / 2
         way, leads = plan(
-            self.nominal, q, part.lengths, part.target, load, self.table, self.rate, self.bounds, tolerance
+            self.nominal, q, part.actuator_lengths, part.target, load, self.table, self.rate, self.bounds, tolerance
         )
         old = memory.way[index]
         known = np.isfinite(memory.load[index, 0])
@@ -114,19 +113,19 @@ class ReachController(AnalyticController):
         memory.load[index] = load
         return memory
 
-    def _stranded(self, reading: Reading, memory: Memory) -> np.ndarray:
+    def _stranded(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
         """Whether the way has ended away from the target, shape (n,)."""
-        away = np.hypot(*(reading.target - reading.tip).T) > self.core.task.tolerance
-        arrived = np.abs(memory.way[:, -1] - reading.lengths).max(axis=1) < 1e-4 * self.rate
+        away = np.hypot(*(observed.target - observed.tip).T) > self.core.task.tolerance
+        arrived = np.abs(memory.way[:, -1] - observed.actuator_lengths).max(axis=1) < 1e-4 * self.rate
         return np.asarray(away & arrived & (memory.step < 90))
 
-    def _along(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _along(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         rows = np.arange(len(memory.leg))
         leg = memory.leg
         for _ in range(LEGS):
-            gap = memory.way[rows, leg] - reading.lengths
+            gap = memory.way[rows, leg] - observed.actuator_lengths
             leg = np.where((np.abs(gap).max(axis=1) < 1e-4 * self.rate) & (leg < LEGS - 1), leg + 1, leg)
-        gap = memory.way[rows, leg] - reading.lengths
+        gap = memory.way[rows, leg] - observed.actuator_lengths
         share = np.maximum(np.abs(gap).max(axis=1, keepdims=True) / self.rate, 1.0)
         return gap / share / self.rate, memory._replace(leg=leg)
 
@@ -155,10 +154,10 @@ class PseudoInverse(ReachController):
     apart = 0.2  # so different the next lengths are, in L
     turns = np.deg2rad([0.0, 40.0, -40.0, 80.0, -80.0, 120.0, -120.0, 160.0, -160.0, 180.0])
 
-    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
-        lengths, here = reading.lengths, side(self.nominal, reading)
-        error = reading.target - reading.tip
-        memory = self._watch(reading, np.hypot(*error.T), here, memory)
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        lengths, here = observed.actuator_lengths, side(self.nominal, observed)
+        error = observed.target - observed.tip
+        memory = self._watch(observed, np.hypot(*error.T), here, memory)
         crossing = memory.leg > 0
         step = np.where(
             crossing[:, None],
@@ -181,12 +180,12 @@ class PseudoInverse(ReachController):
         choice = np.where(good.any(axis=0), good.argmax(axis=0), margin.argmax(axis=0))
         return np.asarray((new[:, choice, np.arange(len(step))]).T - lengths)
 
-    def _watch(self, reading: Reading, distance: np.ndarray, here: np.ndarray, memory: Memory) -> Memory:
+    def _watch(self, observed: DecodedObservation, distance: np.ndarray, here: np.ndarray, memory: Memory) -> Memory:
         """Begin to go to other lengths where there was no progress (leg > 0), and end it there."""
         progress = (distance < 0.98 * memory.least) | (distance <= self.core.task.tolerance)
         waited = np.where(progress, 0, memory.waited + 1)
         crossing = memory.leg > 0
-        there = np.abs(memory.way[:, 0] - reading.lengths).max(axis=1) < 0.2 * self.rate
+        there = np.abs(memory.way[:, 0] - observed.actuator_lengths).max(axis=1) < 0.2 * self.rate
         tired = crossing & (waited > 40)
         stuck = ~crossing & (waited > self.patience)
         if stuck.any():
@@ -194,8 +193,8 @@ class PseudoInverse(ReachController):
             table = self.table[:40, 0]
             tips = [np.stack(self.nominal.rectangle(tuple(table.T), sign)[1], axis=1) for sign in (1.0, -1.0)]
             on_side = np.where(here[:, None, None] > 0, tips[0], tips[1])
-            away = np.linalg.norm(reading.target[:, None] - on_side, axis=2)
-            near = np.abs(table - reading.lengths[:, None]).max(axis=2) < self.apart * l
+            away = np.linalg.norm(observed.target[:, None] - on_side, axis=2)
+            near = np.abs(table - observed.actuator_lengths[:, None]).max(axis=2) < self.apart * l
             visited = np.abs(table - memory.way[:, None, 0]).max(axis=2) < self.apart * l
             choice = np.where(near | visited, np.inf, away).argmin(axis=1)
             memory.way[stuck] = table[choice[stuck]][:, None]
@@ -218,29 +217,29 @@ class Observer(ReachController):
     knows = "the nominal design; identifies the force from tip and lengths, checks that the way is stable"
     first_step = 0.5  # as a share of the largest
 
-    def _load(self, reading: Reading, memory: Memory) -> np.ndarray:
+    def _load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
         return identified(self.nominal, memory.information, memory.evidence)
 
-    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
-        known = with_posture(memory.information, memory.evidence, *force_across(self.nominal, reading))
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        known = with_posture(memory.information, memory.evidence, *force_across(self.nominal, observed))
         memory = memory._replace(information=known[0], evidence=known[1])
-        changed = np.hypot(*(self._load(reading, memory) - memory.load).T)
+        changed = np.hypot(*(self._load(observed, memory) - memory.load).T)
         noticeable = NOTICEABLE * float(self.nominal.largest_force)
-        again = ~(changed < noticeable) | self._stranded(reading, memory)  # NaN: never planned
+        again = ~(changed < noticeable) | self._stranded(observed, memory)  # NaN: never planned
         first = memory.step == 0
-        action, memory = self._along(reading, self._planned(reading, memory, np.flatnonzero(again & ~first)))
+        action, memory = self._along(observed, self._planned(observed, memory, np.flatnonzero(again & ~first)))
         begun = np.flatnonzero(first)
         if len(begun):
-            action[begun] = self._safest(reading.take(begun), self._load(reading, memory)[begun])
+            action[begun] = self._safest(observed.take(begun), self._load(observed, memory)[begun])
         return action, memory
 
-    def _safest(self, reading: Reading, load: np.ndarray) -> np.ndarray:
+    def _safest(self, observed: DecodedObservation, load: np.ndarray) -> np.ndarray:
         """Of small actions in eight directions the one after which the mechanism has the largest margin, (n, 2)."""
-        n, q = len(load), configuration(self.nominal, reading)
+        n, q = len(load), configuration(self.nominal, observed)
         turn = np.arange(8) * np.pi / 4
         actions = self.first_step * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        end = np.clip(reading.lengths[:, None] + self.rate * actions, *self.bounds).reshape(-1, 1, 2)
-        points = np.concatenate([np.repeat(reading.lengths, 8, axis=0)[:, None], *[end] * LEGS], axis=1)
+        end = np.clip(observed.actuator_lengths[:, None] + self.rate * actions, *self.bounds).reshape(-1, 1, 2)
+        points = np.concatenate([np.repeat(observed.actuator_lengths, 8, axis=0)[:, None], *[end] * LEGS], axis=1)
         _, margin = trips(self.nominal, np.repeat(q, 8, axis=0), points, np.repeat(load, 8, axis=0))
         return np.asarray(actions[margin.reshape(n, 8).argmax(axis=1)])
 
@@ -250,13 +249,13 @@ class Oracle(Privileged, ReachController):
 
     knows = "the true force; plans ways along which the mechanism does not snap"
 
-    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
-        again = (memory.step == 0) | self._stranded(reading, memory)
-        return self._along(reading, self._planned(reading, memory, np.flatnonzero(again)))
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        again = (memory.step == 0) | self._stranded(observed, memory)
+        return self._along(observed, self._planned(observed, memory, np.flatnonzero(again)))
 
-    def _load(self, reading: Reading, memory: Memory) -> np.ndarray:
+    def _load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
         assert self.privileged is not None
-        load = np.empty_like(reading.tip)
+        load = np.empty_like(observed.tip)
         for axis, force in enumerate(self.privileged.load):
             load[:, axis] = force
         return load

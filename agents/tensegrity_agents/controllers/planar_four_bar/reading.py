@@ -1,75 +1,38 @@
 """What the nominal model makes of an observation of a planar 4-bar mechanism: its state, its force, its next step."""
 
-from typing import Any, NamedTuple
-
 import numpy as np
 
-from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 from tensegrity_envs.mechanics.planar_four_bar.equilibria import pointing
+from tensegrity_envs.observation import DecodedObservation
 
 NOTICEABLE = 5e-4  # smaller forces, and changes of it, count as none [K L]
 _PRIOR = 1e-8  # of the information: the force is the smallest that explains everything
 
 
-class Reading(NamedTuple):
-    """A batch of n observations in SI units.
-
-    Attributes:
-        tip: shape (n, 2) [m].
-        target: shape (n, 2) [m].
-        lengths: of the actuators, shape (n, 2) [m].
-    """
-
-    tip: np.ndarray
-    target: np.ndarray
-    lengths: np.ndarray
-
-    def take(self, index: np.ndarray) -> "Reading":
-        """Those of some environments."""
-        return Reading(*(value[index] for value in self))
-
-
-def read(observation: Any, core: Core) -> Reading:
-    """Undo the normalization that `core.tip_inputs_and_angles` documents.
-
-    Args:
-        observation: Dict of arrays of shape (n, ...).
-        core: of the environment.
-    """
-    vector = np.asarray(observation["observation"], float)
-    simulation: Any = core.simulation
-    low, high = simulation.bounds(core.nominal)
-    return Reading(
-        np.asarray(observation["achieved_goal"], float),
-        np.asarray(observation["desired_goal"], float),
-        (vector[:, 2:4] * (high - low) + high + low) / 2,
-    )
-
-
-def configuration(mechanism: PlanarFourBar, reading: Reading) -> np.ndarray:
+def configuration(mechanism: PlanarFourBar, observed: DecodedObservation) -> np.ndarray:
     """(theta, gamma) [rad], shape (n, 2), in stable equilibria: bar CF ends at the tip, bar DE points at its middle."""
-    lengths = tuple(reading.lengths.T)
+    lengths = tuple(observed.actuator_lengths.T)
     (cx, cy), _ = mechanism.supports(lengths)
-    gamma = np.arctan2(reading.tip[:, 1] - cy, reading.tip[:, 0] - cx)
+    gamma = np.arctan2(observed.tip[:, 1] - cy, observed.tip[:, 0] - cx)
     return np.stack([pointing(mechanism, lengths, gamma), gamma], axis=1)
 
 
-def side(mechanism: PlanarFourBar, reading: Reading) -> np.ndarray:
+def side(mechanism: PlanarFourBar, observed: DecodedObservation) -> np.ndarray:
     """On which side of the line CD the tip is, 1 or -1, shape (n,)."""
-    (cx, cy), (dx, dy) = mechanism.supports(tuple(reading.lengths.T))
-    x, y = reading.tip.T
+    (cx, cy), (dx, dy) = mechanism.supports(tuple(observed.actuator_lengths.T))
+    x, y = observed.tip.T
     return np.where((cx - dx) * (y - dy) - (cy - dy) * (x - dx) > 0, 1.0, -1.0)
 
 
-def force_across(mechanism: PlanarFourBar, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
+def force_across(mechanism: PlanarFourBar, observed: DecodedObservation) -> tuple[np.ndarray, np.ndarray]:
     """The direction across bar CF (n, 2), and the component of the force on F along it (n,) [N].
 
     That is all that a stable equilibrium reveals: along the bar F is held rigidly. In another posture the direction is
     another one.
     """
-    q = configuration(mechanism, reading)
-    lengths = tuple(reading.lengths.T)
+    q = configuration(mechanism, observed)
+    lengths = tuple(observed.actuator_lengths.T)
     across = np.stack([-np.sin(q[:, 1]), np.cos(q[:, 1])], axis=1)
     gradient = mechanism.energy_gradient(tuple(q.T), lengths)[1]  # balanced by L t . f
     return across, np.asarray(gradient) / float(mechanism.length)

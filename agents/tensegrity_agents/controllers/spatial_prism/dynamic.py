@@ -11,8 +11,9 @@ from tensegrity_agents.controllers.base import beginning, renewed
 from tensegrity_agents.controllers.dynamic import ADDS, Pace
 from tensegrity_agents.controllers.fixed_length_damping import Damping
 from tensegrity_agents.controllers.spatial_prism.modes import PrismModes
-from tensegrity_agents.controllers.spatial_prism.reading import Reading, read
+from tensegrity_agents.controllers.spatial_prism.reading import read
 from tensegrity_envs.core import Core
+from tensegrity_envs.observation import DecodedObservation
 
 
 class PrismWay:
@@ -43,28 +44,26 @@ class PrismWay:
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Actions (n, 3) for a batch of n observations."""
-        reading = read(observation, self.core)
-        n = len(reading.tip)
+        observed = read(observation, self.core)
+        n = len(observed.tip)
         fresh = beginning(n, state, episode_start)
         damping, step = (None, np.zeros(n, int)) if state is None else state
-        damping, step = renewed(fresh, self.damper.begin(reading.lengths), damping), np.where(fresh, 0, step)
-        commanded = planned = self.planned(observation, reading, step, damping.lengths)
+        damping, step = renewed(fresh, self.damper.begin(observed.lengths), damping), np.where(fresh, 0, step)
+        commanded = planned = self.planned(observed, step, damping.lengths)
         if self.is_damped:
-            commanded, damping = self.damper.act(observation, reading.lengths, planned, damping)
+            commanded, damping = self.damper.act(observed, observed.lengths, planned, damping)
         else:
             damping = damping._replace(lengths=planned)
-        action = np.clip((np.clip(commanded, self.low, self.high) - reading.lengths) / self.rate, -1.0, 1.0)
+        action = np.clip((np.clip(commanded, self.low, self.high) - observed.lengths) / self.rate, -1.0, 1.0)
         return action, (damping, step + 1)
 
-    def planned(self, observation: Any, reading: Reading, step: np.ndarray, before: np.ndarray) -> np.ndarray:
+    def planned(self, observed: DecodedObservation, step: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Lengths after this step, shape (n, 3) [m]; `before` those planned a step ago."""
         if self.pace == "full":
-            return np.asarray(self.base._lengths(reading, step))
-        now = np.asarray(observation["desired_goal"], float)
-        ahead = np.asarray(observation["observation"], float)[:, 9:12]
-        later = reading.tip + 2 * float(self.rate) * ahead / np.maximum(1 - np.abs(ahead), 1e-12)
-        goals = ((0.25, now), (0.5, reading.next_goal), (0.25, later))
-        return np.asarray(sum(w * self.base._lengths(reading._replace(next_goal=goal), step) for w, goal in goals))
+            return np.asarray(self.base._lengths(observed, step))
+        later = observed.tip + observed.goal_in_2
+        goals = ((0.25, observed.target), (0.5, observed.next_goal), (0.25, later))
+        return np.asarray(sum(w * self.base._lengths(observed.replace(next_goal=goal), step) for w, goal in goals))
 
 
 class PrismFeedback(PrismWay):
@@ -76,8 +75,7 @@ class PrismFeedback(PrismWay):
         super().__init__(core, base, "full", damped)
         self.knows = f"{self.base.knows}; slowed down{', active damping' if damped else ''}"
 
-    def planned(self, observation: Any, reading: Reading, step: np.ndarray, before: np.ndarray) -> np.ndarray:
+    def planned(self, observed: DecodedObservation, step: np.ndarray, before: np.ndarray) -> np.ndarray:
         """See `PrismWay.planned`."""
-        now = np.asarray(observation["desired_goal"], float)
-        way = reading.next_goal - now + self.slowed * (now - reading.tip)
-        return np.asarray(self.base._lengths(reading._replace(lengths=before, next_goal=reading.tip + way), step))
+        way = observed.next_goal - observed.target + self.slowed * (observed.target - observed.tip)
+        return np.asarray(self.base._lengths(observed.replace(lengths=before, next_goal=observed.tip + way), step))

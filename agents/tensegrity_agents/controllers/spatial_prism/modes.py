@@ -1,11 +1,10 @@
 """What is elastic in a spatial prism whose struts are locked, for `fixed_length_damping`."""
 
-from typing import Any
-
 import numpy as np
 
 from tensegrity_agents.controllers.fixed_length_damping import matrices
-from tensegrity_envs.core import Core, inverse_softsign
+from tensegrity_envs.core import Core
+from tensegrity_envs.observation import DecodedObservation
 
 
 class PrismModes:
@@ -17,10 +16,9 @@ class PrismModes:
         self.core, self.nominal = core, core.nominal
         self.scale = float(self.nominal.design.D)
 
-    def read(self, observation: Any, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def read(self, observed: DecodedObservation, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `Modes`; there is one branch."""
-        vector = np.asarray(observation["observation"], float)
-        return np.pi * vector[:, 18:21], inverse_softsign(vector[:, -3:]), np.ones(len(vector))
+        return observed.rotation, observed.rotation_rates, np.ones(len(observed))
 
     def rest(self, lengths: np.ndarray, branch: np.ndarray) -> np.ndarray:
         """See `Modes`."""

@@ -6,10 +6,11 @@ import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, Privileged
 from tensegrity_agents.controllers.spatial_prism.identification import identify
-from tensegrity_agents.controllers.spatial_prism.reading import Reading, read
+from tensegrity_agents.controllers.spatial_prism.reading import read
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.spatial_prism import SpatialPrism, SpatialPrismDesign
+from tensegrity_envs.observation import DecodedObservation
 
 
 class TrackController(AnalyticController):
@@ -23,14 +24,14 @@ class TrackController(AnalyticController):
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
         """Actions (n, 3) for a batch of n observations; the state is the number of steps made, (n,)."""
-        reading = read(observation, self.core)
-        step = np.zeros(len(reading.tip), int) if state is None else np.asarray(state)
+        observed = read(observation, self.core)
+        step = np.zeros(len(observed.tip), int) if state is None else np.asarray(state)
         if episode_start is not None:
             step = np.where(np.asarray(episode_start, bool), 0, step)
-        wanted = self._lengths(reading, step)
-        return np.clip((wanted - reading.lengths) / self.rate, -1.0, 1.0), step + 1
+        wanted = self._lengths(observed, step)
+        return np.clip((wanted - observed.lengths) / self.rate, -1.0, 1.0), step + 1
 
-    def _lengths(self, reading: Reading, step: np.ndarray) -> np.ndarray:
+    def _lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
         """Lengths of the struts after the step, shape (n, 3) [m]."""
         raise NotImplementedError
 
@@ -40,8 +41,8 @@ class ClosedFormIK(TrackController):
 
     knows = "the nominal design; unloaded closed-form inverse kinematics, no feedback"
 
-    def _lengths(self, reading: Reading, step: np.ndarray) -> np.ndarray:
-        return np.stack(self.nominal.inverse_kinematics(tuple(reading.next_goal.T)), axis=1)
+    def _lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
+        return np.stack(self.nominal.inverse_kinematics(tuple(observed.next_goal.T)), axis=1)
 
 
 class PseudoInverse(TrackController):
@@ -52,11 +53,11 @@ class PseudoInverse(TrackController):
 
     knows = "the nominal design; feedback of the measured position"
 
-    def _lengths(self, reading: Reading, step: np.ndarray) -> np.ndarray:
-        way = reading.next_goal - reading.tip
-        rows = self.nominal.jacobian(tuple(reading.tip.T))
+    def _lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
+        way = observed.next_goal - observed.tip
+        rows = self.nominal.jacobian(tuple(observed.tip.T))
         change = [sum(entry * part for entry, part in zip(row, way.T, strict=True)) for row in rows]
-        return np.asarray(reading.lengths + np.stack(change, axis=1))
+        return np.asarray(observed.lengths + np.stack(change, axis=1))
 
 
 class Observer(TrackController):
@@ -64,13 +65,13 @@ class Observer(TrackController):
 
     knows = "the nominal design; identifies the payload from position and lengths"
 
-    def _weight(self, reading: Reading, step: np.ndarray) -> np.ndarray:
+    def _weight(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
         """The weight that will act after the step, shape (n,) [N]."""
-        return identify(self.nominal, reading.tip, reading.lengths)
+        return identify(self.nominal, observed.tip, observed.lengths)
 
-    def _lengths(self, reading: Reading, step: np.ndarray) -> np.ndarray:
-        goal = tuple(np.ascontiguousarray(reading.next_goal.T))
-        lengths = evaluate(_held, self.nominal.design, goal, self._weight(reading, step))
+    def _lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
+        goal = tuple(np.ascontiguousarray(observed.next_goal.T))
+        lengths = evaluate(_held, self.nominal.design, goal, self._weight(observed, step))
         return np.stack(lengths, axis=1)
 
 
@@ -79,7 +80,7 @@ class Oracle(Privileged, Observer):
 
     knows = "the true payload and its moment; loaded inverse kinematics"
 
-    def _weight(self, reading: Reading, step: np.ndarray) -> np.ndarray:
+    def _weight(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
         assert self.privileged is not None
         load = self.privileged.load_at(step + 1.0)
         weight: np.ndarray = np.asarray(-load[2] if load else np.zeros(step.shape), float)

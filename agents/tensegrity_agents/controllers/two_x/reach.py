@@ -7,10 +7,11 @@ import numpy as np
 
 from tensegrity_agents.controllers.base import Privileged, beginning
 from tensegrity_agents.controllers.two_x.planning import choose_solution, plan
-from tensegrity_agents.controllers.two_x.reading import Reading, configuration_from_tip, estimate_payload, read
+from tensegrity_agents.controllers.two_x.reading import configuration_from_tip, estimate_payload
 from tensegrity_agents.controllers.two_x.tracking import joint_action, tension_action
 from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics import TwoX, TwoXDesign
+from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation import Episode
 
 _ARRIVED = 1e-3  # [rad] from a way point to the next
@@ -46,7 +47,7 @@ class AnalyticController:
 
     def __init__(self, core: Core) -> None:
         self.control = core.control
-        self.observe_all: bool = core.observe_all  # type: ignore[attr-defined]
+        self.schema = core.schema
         self.nominal: TwoX | None = None
         self.privileged: Episode | None = None
 
@@ -61,39 +62,34 @@ class AnalyticController:
         """Actions (n, size) for a batch of n observations."""
         if self.nominal is None:
             raise RuntimeError(f"{type(self).__name__}: call begin_episodes(mask, design) before predict")
-        reading = read(observation, self.nominal.design, self.observe_all)
-        n = len(reading.tip)
+        observed = self.schema.decode(observation)
+        n = len(observed)
         fresh = beginning(n, state, episode_start)
-        memory = self._perceive(reading, state, fresh)
+        memory = self._perceive(observed, state, fresh)
         if fresh.any():
             index = np.flatnonzero(fresh)
-            part = Reading(
-                reading.tip[index],
-                reading.target[index],
-                reading.tensions[index],
-                None if reading.configuration is None else reading.configuration[index],
-            )
+            part = observed.take(index)
             for i, path in zip(
                 index, self._paths(self._believed(memory, index), memory.commanded[index], part), strict=True
             ):
                 memory.paths[i] = path
-        return self._act(reading, memory)
+        return self._act(observed, memory)
 
-    def _perceive(self, reading: Reading, memory: Memory | None, fresh: np.ndarray) -> Memory:
+    def _perceive(self, observed: DecodedObservation, memory: Memory | None, fresh: np.ndarray) -> Memory:
         """Configuration and payload as this controller believes them to be."""
         assert self.nominal is not None
         n = len(fresh)
-        q = configuration_from_tip(self.nominal, reading, None)
+        q = configuration_from_tip(self.nominal, observed, None)
         begun = q
         if self.control == "tension" and fresh.any():
             # The command that the tensions stand for: where the nominal arm would be under them.
-            rest = self.nominal.equilibrium(tuple(reading.tensions.T), tuple(q.T))
+            rest = self.nominal.equilibrium(tuple(observed.tensions.T), tuple(q.T))
             begun = np.where(np.asarray(rest.is_stable)[:, None], np.stack(rest.configuration, axis=1), q)
         if memory is None:
             payload = np.full(n, float(self.nominal.design.payload))
             return Memory(q, begun, payload, np.zeros((n, 2)), [np.zeros((0, 2))] * n)
-        if reading.configuration is None:
-            q = np.where(fresh[:, None], q, configuration_from_tip(self.nominal, reading, memory.configuration))
+        if "joint_angles" not in observed:
+            q = np.where(fresh[:, None], q, configuration_from_tip(self.nominal, observed, memory.configuration))
         keep = ~fresh[:, None]
         return memory._replace(
             configuration=q,
@@ -106,9 +102,9 @@ class AnalyticController:
         assert self.nominal is not None
         return self.nominal
 
-    def _paths(self, model: TwoX, start: np.ndarray, reading: Reading) -> list[np.ndarray]:
+    def _paths(self, model: TwoX, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
         """Way points for the episodes that begin: the chosen inverse solution."""
-        goal, _ = choose_solution(model, start, reading.target)
+        goal, _ = choose_solution(model, start, observed.target)
         return [point[None] for point in goal]
 
     def _goals(self, here: np.ndarray, memory: Memory) -> np.ndarray:
@@ -122,11 +118,11 @@ class AnalyticController:
                 goals[i] = path[0]
         return goals
 
-    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         if self.control == "joint":
             return joint_action(memory.configuration, self._goals(memory.configuration, memory)), memory
         goals = self._goals(memory.commanded, memory)
-        action, commanded = tension_action(self._believed(memory), memory.commanded, goals, reading.tensions)
+        action, commanded = tension_action(self._believed(memory), memory.commanded, goals, observed.tensions)
         return action, memory._replace(commanded=commanded)
 
 
@@ -153,12 +149,12 @@ class PseudoInverse(AnalyticController):
     integral_gain = 0.05
     damping = 0.02  # [m/rad]
 
-    def _paths(self, model: TwoX, start: np.ndarray, reading: Reading) -> list[np.ndarray]:
+    def _paths(self, model: TwoX, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
         return [np.zeros((0, 2))] * len(start)
 
-    def _act(self, reading: Reading, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         assert self.nominal is not None
-        error = reading.target - reading.tip
+        error = observed.target - observed.tip
         # Conditional integration: only close to the target, where the integral is to remove what is left.
         close = np.hypot(*error.T)[:, None] < 0.05
         integral = np.where(close, memory.integral + error, 0.0)
@@ -175,7 +171,7 @@ class PseudoInverse(AnalyticController):
             return joint_action(memory.configuration, memory.configuration + step), memory
         limit = self.nominal.design.joint_limit
         goal = np.clip(memory.commanded + step, -limit, limit)
-        action, commanded = tension_action(self.nominal, memory.commanded, goal, reading.tensions)
+        action, commanded = tension_action(self.nominal, memory.commanded, goal, observed.tensions)
         return action, memory._replace(commanded=commanded)
 
 
@@ -184,12 +180,12 @@ class Observer(AnalyticController):
 
     knows = "the nominal design; identifies the payload from tip and tensions"
 
-    def _perceive(self, reading: Reading, memory: Memory | None, fresh: np.ndarray) -> Memory:
+    def _perceive(self, observed: DecodedObservation, memory: Memory | None, fresh: np.ndarray) -> Memory:
         assert self.nominal is not None
-        believed = super()._perceive(reading, memory, fresh)
+        believed = super()._perceive(observed, memory, fresh)
         if not fresh.any():  # the payload is constant within an episode
             return believed
-        first = estimate_payload(self.nominal, reading)
+        first = estimate_payload(self.nominal, observed)
         if memory is None:
             return believed._replace(
                 configuration=first.configuration, commanded=first.configuration, payload=first.payload
@@ -214,16 +210,16 @@ class Oracle(Privileged, Observer):
 
     knows = "the true payload; plans paths inside the stable wrench-feasible set"
 
-    def _perceive(self, reading: Reading, memory: Memory | None, fresh: np.ndarray) -> Memory:
+    def _perceive(self, observed: DecodedObservation, memory: Memory | None, fresh: np.ndarray) -> Memory:
         assert self.privileged is not None
         told = np.broadcast_to(np.asarray(self.privileged.design.payload, float), fresh.shape)
-        return super()._perceive(reading, memory, fresh)._replace(payload=told)
+        return super()._perceive(observed, memory, fresh)._replace(payload=told)
 
-    def _paths(self, model: TwoX, start: np.ndarray, reading: Reading) -> list[np.ndarray]:
-        goal, straight = choose_solution(model, start, reading.target)
+    def _paths(self, model: TwoX, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
+        goal, straight = choose_solution(model, start, observed.target)
         paths = [point[None] for point in goal]
         for i in np.flatnonzero(~straight):
-            around = plan(model.take(i), start[i], reading.target[i])
+            around = plan(model.take(i), start[i], observed.target[i])
             if around:
                 paths[i] = np.array(around)
         return paths

@@ -1,53 +1,15 @@
-"""What an analytic controller reads off the observation: positions, tensions and, where they can be seen or
-inferred, joint angles.
-"""
+"""What the nominal model makes of an observation of the 2-X: its joint angles and its payload."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tensegrity_envs.mechanics import TwoX
-
-
-class Reading(NamedTuple):
-    """A batch of n observations in SI units.
-
-    Attributes:
-        tip: shape (n, 2) [m].
-        target: shape (n, 2) [m].
-        tensions: shape (n, 4) [N].
-        configuration: shape (n, 2) [rad], or None where joint angles are not observed.
-    """
-
-    tip: np.ndarray
-    target: np.ndarray
-    tensions: np.ndarray
-    configuration: np.ndarray | None
-
-
-def read(observation: Any, design: Any, everything: bool) -> Reading:
-    """Undo the normalization that `Core.observation` documents.
-
-    Args:
-        observation: Dict of arrays of shape (n, ...).
-        design: the nominal design.
-        everything: whether joint angles are observed.
-    """
-    vector = np.asarray(observation["observation"], float)
-    low, high = design.min_tension, design.max_tension
-    configuration = None
-    if everything:
-        configuration = np.arctan2(vector[:, [6, 8]], vector[:, [7, 9]])
-    return Reading(
-        np.asarray(observation["achieved_goal"], float),
-        np.asarray(observation["desired_goal"], float),
-        (vector[:, 2:6] * (high - low) + high + low) / 2,
-        configuration,
-    )
+from tensegrity_envs.observation import DecodedObservation
 
 
 class Estimate(NamedTuple):
-    """Configuration and payload that explain a reading.
+    """Configuration and payload that explain an observation.
 
     Attributes:
         configuration: shape (n, 2) [rad].
@@ -58,19 +20,19 @@ class Estimate(NamedTuple):
     payload: np.ndarray
 
 
-def configuration_from_tip(model: TwoX, reading: Reading, near: np.ndarray | None) -> np.ndarray:
+def configuration_from_tip(model: TwoX, observed: DecodedObservation, near: np.ndarray | None) -> np.ndarray:
     """Joint angles of shape (n, 2): observed, or else from the tip by inverse kinematics.
 
     Of several inverse solutions, the one closest to `near` (the last known configuration), or without it the one that
     is closest to equilibrium under the measured tensions according to the model.
     """
-    if reading.configuration is not None:
-        return reading.configuration
-    table, missing = solutions(model, reading.tip)
+    if "joint_angles" in observed:
+        return observed.joint_angles
+    table, missing = solutions(model, observed.tip)
     if near is not None:
         score = np.abs(table - near.T[:, :, None]).max(axis=0)
     else:
-        gradient = model_columns(model, table, reading.tensions)
+        gradient = model_columns(model, table, observed.tensions)
         score = np.hypot(*gradient)
     score = np.where(missing, np.inf, score)
     best = np.argmin(score, axis=1)
@@ -81,17 +43,17 @@ def configuration_from_tip(model: TwoX, reading: Reading, near: np.ndarray | Non
     return np.asarray(np.nan_to_num(found))
 
 
-def estimate_payload(nominal: TwoX, reading: Reading) -> Estimate:
+def estimate_payload(nominal: TwoX, observed: DecodedObservation) -> Estimate:
     """Configuration and payload from tip and tensions: the payload is hidden, but in a static task it can be
     identified.
 
     For each inverse solution of the tip the two equilibrium equations are linear in the payload; least squares gives
     it, and the solution whose residual is smallest is the configuration.
     """
-    table, missing = solutions(nominal, reading.tip)
-    if reading.configuration is not None:
-        table, missing = reading.configuration.T[:, :, None], np.zeros((len(reading.tip), 1), bool)
-    balance = np.stack(model_columns(nominal, table, reading.tensions))  # gradient with the nominal payload [N m]
+    table, missing = solutions(nominal, observed.tip)
+    if "joint_angles" in observed:
+        table, missing = observed.joint_angles.T[:, :, None], np.zeros((len(observed.tip), 1), bool)
+    balance = np.stack(model_columns(nominal, table, observed.tensions))  # gradient with the nominal payload [N m]
     lever = np.stack(nominal.jacobian(tuple(table))[1]) * nominal.design.gravity  # gradient of 1 kg at the tip
     extra = -(balance * lever).sum(axis=0) / np.maximum((lever * lever).sum(axis=0), 1e-12)
     extra = np.maximum(extra, -nominal.design.payload)

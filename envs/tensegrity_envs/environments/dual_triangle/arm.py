@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.core import Core, tip_inputs_and_angles
+from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
+from tensegrity_envs.observation import Field, arm_fields, inputs_field
 from tensegrity_envs.simulation.dynamic import DynamicControl
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.simulation.quasi_static import DeltaControl
@@ -20,8 +21,6 @@ class DualTriangleCore(Core):
 
     simulation: DeltaControl | DynamicControl
     design: DualTriangleDesign
-    observe_all: bool
-    observe_velocities: bool = False
 
     def _take_design(self, design: DualTriangleDesign) -> None:
         self.design = design
@@ -38,15 +37,12 @@ class DualTriangleCore(Core):
         """See `Core.mechanism`."""
         return DualTriangle(design, SEGMENTS)
 
-    def observation(self, state: State, episode: Episode) -> list[Component]:
-        """See `core.tip_inputs_and_angles`."""
-        bounds = self.simulation.bounds(self.nominal)
-        velocities_of = self.nominal if self.observe_velocities else None
-        return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all, velocities_of)
-
-    def _observation_size(self) -> int:
-        size = 2 + self.simulation.action_size + (2 * SEGMENTS + 2 if self.observe_all else 0)
-        return size + ((SEGMENTS if self.observe_all else 2) if self.observe_velocities else 0)
+    def observed(self) -> list[Field]:
+        """See `Core.observed`."""
+        bounds, size = self.simulation.bounds(self.nominal), self.simulation.action_size
+        meaning = f"{self.input_name.replace('_', ' ')} of the springs"
+        inputs = inputs_field(self.input_name, size, bounds, "m", meaning)
+        return arm_fields(self.nominal, self.reach, inputs, SEGMENTS, self.observe_all, self.observe_velocities)
 
     def _randomized(self, random: dict[str, np.ndarray]) -> DualTriangleDesign:
         """The design with the stiffnesses that episodes have drawn."""

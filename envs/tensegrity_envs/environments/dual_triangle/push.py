@@ -76,7 +76,7 @@ class DualTrianglePush(DualTriangleCore):
         b = float(design.b1)
         highest = float(self.simulation.bounds(self.nominal)[1])
         self.sampler = HoldSampler(self.nominal, (_TARGETS[0] * b, _TARGETS[1] * b), highest)
-        self.set_spaces(self._observation_size())
+        self.set_spaces()
 
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """Targets uniform in x from 5.0 b to 5.9 b, at y = 0; starts uniform over the first angles that hold them."""

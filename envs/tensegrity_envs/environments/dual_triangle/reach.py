@@ -78,7 +78,7 @@ class DualTriangleReach(DualTriangleCore):
             weights=ReachWeights.given(reward_weights),
         )
         self.sampler = Sampler(self.nominal, control, load_range)
-        self.set_spaces(self._observation_size())
+        self.set_spaces()
 
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """See `Core.sample`."""

@@ -13,14 +13,22 @@ from tensegrity_envs.core import (
     check_backend,
     is_fully_observed,
     scaled_tolerance,
-    softsign,
-    tip_inputs_and_angles,
 )
 from tensegrity_envs.environments.planar_four_bar.sampling import Sampler
 from tensegrity_envs.mechanics.design import take
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
+from tensegrity_envs.observation import (
+    Field,
+    SoftsignRate,
+    inputs_field,
+    joint_angles_field,
+    joint_rates_field,
+    margin_fields,
+    rates_of,
+    tip_field,
+)
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.simulation.actuator_lengths import (
     LARGEST_THRUST,
@@ -116,8 +124,7 @@ class PlanarFourBarReach(Core):
             weights=ReachWeights.given(reward_weights),
         )
         self.sampler = Sampler(self.nominal, control, load_range)
-        velocities = (4 if self.observe_all else 2) if observe_velocities else 0
-        self.set_spaces(4 + (6 if self.observe_all else 0) + velocities)
+        self.set_spaces()
 
     def mechanism(self, design: PlanarFourBarDesign) -> PlanarFourBar:
         """See `Core.mechanism`."""
@@ -176,29 +183,27 @@ class PlanarFourBarReach(Core):
         factor = random.get("stiffness")
         return self.design if factor is None else replace(self.design, stiffness=self.design.stiffness * factor)
 
-    def observation(self, state: State, episode: Episode) -> list[Component]:
-        """See `core.tip_inputs_and_angles`.
-
-        Velocities are the rates of alpha, beta, theta and gamma (4), or, if not everything is observed, the velocity of
-        F divided by the reach (2).
-        """
+    def observed(self) -> list[Field]:
+        """See `Core.observed`."""
         bounds = self.simulation.bounds(self.nominal)
-        parts = tip_inputs_and_angles(state, self.reach, bounds, self.observe_all)
-        if not self.observe_velocities:
-            return parts
-        still = 0.0 * state.tip[0]
-        rates = state.velocity or (still,) * 4
-        return parts + softsign(rates if self.observe_all else self._tip_velocity(state, rates))
+        fields = [tip_field(self.reach), inputs_field(self.input_name, 2, bounds, "m", "actuator lengths")]
+        if self.observe_all:
+            fields += [joint_angles_field(2, "angles theta and gamma of the bars DE and CF"), *margin_fields()]
+        if self.observe_velocities and self.observe_all:
+            fields.append(joint_rates_field(4, "rates of the angles alpha, beta, theta and gamma"))
+        elif self.observe_velocities:
+            scaling = SoftsignRate(self.reach)
+            fields.append(Field("tip_velocity", self._tip_velocity, 2, scaling, "m/s", "velocity of the tip"))
+        return fields
 
-    def _tip_velocity(self, state: State, rates: Components) -> Components:
-        """Of F, divided by the reach [1/s]: bar BC turns C about B, and bar CF turns F about C."""
+    def _tip_velocity(self, state: State, episode: Episode) -> Components:
+        """The velocity of F [m/s]: bar BC turns C about B, and bar CF turns F about C."""
         (_, beta), gamma = self.nominal.base_angles(state.inputs), state.configuration[1]
         xp = namespace_of(beta, gamma)
-        _, base, _, bar = rates
-        share = self.nominal.length / self.reach
+        _, base, _, bar = rates_of(state, 4)
         x = base * xp.sin(beta) - bar * xp.sin(gamma)
         y = base * xp.cos(beta) + bar * xp.cos(gamma)
-        return share * x, share * y
+        return self.nominal.length * x, self.nominal.length * y
 
     def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
         """The force on F and the thrusts of the actuators [N]."""

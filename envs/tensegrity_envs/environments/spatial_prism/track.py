@@ -7,10 +7,20 @@ from typing import Any, Literal
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.core import Core, Sampled, check_backend, is_fully_observed, scaled_tolerance, softsign
+from tensegrity_envs.core import Core, Sampled, check_backend, is_fully_observed, scaled_tolerance
 from tensegrity_envs.environments.spatial_prism.sampling import GRAVITY, HARMONICS, Sampler
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.spatial_prism import JAHROMY, SpatialPrism, SpatialPrismDesign
+from tensegrity_envs.observation import (
+    Divided,
+    Field,
+    Softsign,
+    SoftsignRate,
+    inputs_field,
+    margin_fields,
+    rates_of,
+    tip_field,
+)
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.rendering import Scene
 from tensegrity_envs.rendering_spatial import project
@@ -103,8 +113,7 @@ class SpatialPrismTrack(Core):
         )
         # |r|^2 = mean (l_i^2 - |b_i - a_i|^2) at any orientation: no centroid is farther than a strut can be long
         self.reach = longest
-        size = 3 + 3 + 3 * len(AHEAD) + (3 + 2 if self.observe_all else 0)
-        self.set_spaces(size + ((6 if self.observe_all else 3) if observe_velocities else 0), goal_size=3)
+        self.set_spaces(goal_size=3)
 
     def mechanism(self, design: SpatialPrismDesign) -> SpatialPrism:
         """See `Core.mechanism`."""
@@ -138,30 +147,34 @@ class SpatialPrismTrack(Core):
         factor = random.get("stiffness")
         return self.design if factor is None else replace(self.design, k=self.design.k * factor)
 
-    def observation(self, state: State, episode: Episode) -> list[Component]:
-        """Components of the "observation" entry, each within [-1, 1].
-
-        Tip / reach (3), lengths from -1 at the struts' shortest to 1 at their longest (3); for 1, 2, 5 and 10 steps
-        ahead the goal then minus the tip now, in steps at full rate, v, as v / (1 + |v|) (3 each); and, if everything
-        is observed, the rotation vector / pi (3), stability and wrench margin m as m / (1 + |m|) (2). Last, if
-        velocities are observed, v / (1 + |v|) of the centroid's velocity times 0.2 s / d (3), and, if everything is
-        observed, of the angular velocity times 0.2 s (3).
-        """
-        low, high = self.simulation.bounds(self.nominal)
-        parts: list[Component] = [component / self.reach for component in state.tip]
-        parts += [(2 * length - (high + low)) / (high - low) for length in state.inputs]
-        for ahead in AHEAD:
-            for goal, here in zip(episode.goal_at(state.time + ahead), state.tip, strict=True):
-                v = (goal - here) / (ahead * self.simulation.rate)
-                parts.append(v / (1 + abs(v)))
+    def observed(self) -> list[Field]:
+        """See `Core.observed`."""
+        bounds = self.simulation.bounds(self.nominal)
+        fields = [tip_field(self.reach, 3), inputs_field("lengths", 3, bounds, "m", "lengths of the struts")]
+        fields += [self._look_ahead(steps) for steps in AHEAD]
         if self.observe_all:
-            parts += [w / np.pi for w in state.configuration[3:]]
-            parts += [m / (1 + abs(m)) for m in (state.stability_margin, state.wrench_margin)]
+            meaning = "orientation of the platform, as a rotation vector"
+            fields.append(
+                Field("rotation", lambda state, _: state.configuration[3:], 3, Divided(np.pi), "rad", meaning)
+            )
+            fields += margin_fields()
         if self.observe_velocities:
-            rates = state.velocity or (0.0 * state.tip[0],) * 6
-            parts += softsign(rate / self.design.d for rate in rates[:3])
-            parts += softsign(rates[3:]) if self.observe_all else []
-        return parts
+            scaling, meaning = SoftsignRate(float(self.design.d)), "velocity of the centroid"
+            fields.append(Field("tip_velocity", lambda s, _: rates_of(s, 6)[:3], 3, scaling, "m/s", meaning))
+        if self.observe_velocities and self.observe_all:
+            meaning = "angular velocity of the platform"
+            fields.append(Field("rotation_rates", lambda s, _: rates_of(s, 6)[3:], 3, SoftsignRate(), "rad/s", meaning))
+        return fields
+
+    def _look_ahead(self, steps: int) -> Field:
+        """Where the goal will be, seen from the tip, in steps at full rate."""
+
+        def way(state: State, episode: Episode) -> Components:
+            goal = episode.goal_at(state.time + steps)
+            return tuple(there - here for there, here in zip(goal, state.tip, strict=True))
+
+        meaning = f"goal {steps} step{'s' if steps > 1 else ''} ahead, minus the tip now"
+        return Field(f"goal_in_{steps}", way, 3, Softsign(steps * self.simulation.rate), "m", meaning)
 
     def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
         """The force at the centroid [N], where there may be one."""

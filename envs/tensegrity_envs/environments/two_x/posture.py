@@ -12,6 +12,7 @@ from tensegrity_envs.core import Core, Sampled
 from tensegrity_envs.environments.two_x.detours import detours_of
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.two_x import FURET2018, TwoX, TwoXDesign
+from tensegrity_envs.observation import Field, SineAndCosine, Softsign, tip_field
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.protocol import RUNNING, SINGULAR, Episode, State
@@ -109,6 +110,7 @@ class TwoXPostureChange(Core):
     task: Posture
     input_name = ""
     control = "joint"
+    goal_name = "theta"
     error_name = "posture_error"
     error_unit = "mrad"
 
@@ -144,7 +146,7 @@ class TwoXPostureChange(Core):
         )
         self.reach = float(self.nominal.reach)
         self._labels, self._axes, self._signs = _aspects_of(design)
-        self.set_spaces(4 + 4 + 2 + 1, goal_bound=math.pi)
+        self.set_spaces(goal_bound=math.pi)
 
     def mechanism(self, design: TwoXDesign) -> TwoX:
         """See `Core.mechanism`."""
@@ -254,20 +256,16 @@ class TwoXPostureChange(Core):
         gaps = [abs(a - g) for a, g in zip(achieved, goal, strict=True)]
         return xp.maximum(*(xp.minimum(gap, 2 * math.pi - gap) for gap in gaps))
 
-    def observation(self, state: State, episode: Episode) -> list[Component]:
-        """Components of the "observation" entry, each within [-1, 1].
-
-        Sine and cosine of each theta (4) and of twice it (4), tip / reach (2), the margin m as m / (1 + |m|) (1).
-        """
-        xp = namespace_of(state.tip[0])
-        parts: list[Component] = []
-        for alpha in state.configuration:
-            parts += [xp.sin(alpha / 2), xp.cos(alpha / 2)]
-        for alpha in state.configuration:
-            parts += [xp.sin(alpha), xp.cos(alpha)]
-        parts += [component / self.reach for component in state.tip]
-        m = state.stability_margin
-        return [*parts, m / (1 + abs(m))]
+    def observed(self) -> list[Field]:
+        """See `Core.observed`."""
+        turns, angles = "theta = alpha / 2, which runs once around", "alpha = 2 theta"
+        margin = "distance from the singularity"
+        return [
+            Field("theta", lambda state, _: self.achieved(state), 2, SineAndCosine(), "rad", turns),
+            Field("alpha", lambda state, _: state.configuration, 2, SineAndCosine(), "rad", angles),
+            tip_field(self.reach),
+            Field("stability_margin", lambda state, _: (state.stability_margin,), None, Softsign(), "-", margin),
+        ]
 
     def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_with_goal`."""

@@ -13,11 +13,11 @@ from tensegrity_envs.core import (
     check_backend,
     is_fully_observed,
     scaled_tolerance,
-    tip_inputs_and_angles,
 )
 from tensegrity_envs.environments.two_x.sampling import Sampler, feasible_solutions
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
+from tensegrity_envs.observation import Field, arm_fields, inputs_field
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import Episode, State
@@ -113,7 +113,7 @@ class TwoXReach(Core):
         )
         self.sampler = Sampler(self.design, payload_range)
         self.reach = float(self.nominal.reach)
-        self.set_spaces(2 + 4 + (4 + 2 if self.observe_all else 0) + (2 if observe_velocities else 0))
+        self.set_spaces()
 
     def mechanism(self, design: TwoXDesign) -> TwoX:
         """See `Core.mechanism`."""
@@ -158,11 +158,11 @@ class TwoXReach(Core):
             design = replace(design, bar_density=design.bar_density * random["mass"])
         return design
 
-    def observation(self, state: State, episode: Episode) -> list[Component]:
-        """See `core.tip_inputs_and_angles`."""
+    def observed(self) -> list[Field]:
+        """See `Core.observed`."""
         bounds = (self.design.min_tension, self.design.max_tension)
-        velocities_of = self.nominal if self.observe_velocities else None
-        return tip_inputs_and_angles(state, self.reach, bounds, self.observe_all, velocities_of)
+        inputs = inputs_field("tensions", 4, bounds, "N", "cable tensions")
+        return arm_fields(self.nominal, self.reach, inputs, 2, self.observe_all, self.observe_velocities)
 
     def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
         """The payload [kg]."""
