@@ -10,10 +10,12 @@ import numpy as np
 from tensegrity_envs.mechanics import (
     FURET2018,
     MURALIDHARAN2022,
+    NX,
     ZHAO2021_CAPTION,
     ZHAO2021_TEXT,
     DualTriangle,
     DualTriangleDesign,
+    NXDesign,
     TwoX,
     TwoXDesign,
 )
@@ -68,6 +70,54 @@ def random_two_x_design(seed: int) -> TwoXDesign:
     return TwoXDesign(**{name: float(value) for name, value in values.items()})
 
 
+def n_x_case(name: str, design: NXDesign) -> Case:
+    limit, top, n = design.joint_limit, design.max_tension, design.joints
+    b, l, a = design.each("b"), design.each("l"), design.each("a")
+    arm, lengths = NX(design), []
+    for i in range(n):
+        lengths += [l[i], l[i], b[i]]
+        if i < n - 1:
+            side, brace = math.hypot(a[i], (b[i] - b[i + 1]) / 2), math.hypot(a[i], (b[i] + b[i + 1]) / 2)
+            lengths += [side, brace, side, b[i + 1]]
+        else:
+            lengths += [math.hypot(a[i], b[i] / 2)] * 2
+    return Case(
+        name,
+        arm,
+        lambda rng, count: rng.uniform(-limit, limit, (n, count)),
+        lambda rng, count: rng.uniform(0.0, top, (len(arm.input_names), count)),
+        tuple(lengths),
+    )
+
+
+def random_n_x_design(seed: int, joints: int, routing: Any = "per_joint") -> NXDesign:
+    """Unequal joints; fields that are numbers for all joints, offsets of zero and arms without springs among them."""
+    rng = np.random.default_rng([seed, joints])
+    b = rng.uniform(0.02, 0.5) * rng.uniform(0.5, 1.5, joints)
+    values = dict(
+        b=b,
+        l=b * rng.uniform(1.05, 4.0, joints),
+        a=rng.choice([0.0, 1.0], joints) * rng.uniform(0.01, 1.0, joints) * rng.choice([0.05, 1.0]),
+        k_left=rng.choice([0.0, 1.0], p=[0.1, 0.9]) * rng.uniform(0.0, 1000.0, joints),
+        k_right=rng.uniform(0.0, 1000.0, joints),
+    )
+    fields: dict[str, Any] = {name: tuple(map(float, value)) for name, value in values.items()}
+    if rng.random() < 0.3:
+        fields |= {"b": float(b.min()), "k_left": fields["k_left"][0], "k_right": None}
+    return NXDesign(
+        joints,
+        **fields,
+        min_tension=float(rng.uniform(0.0, 10.0)),
+        max_tension=float(rng.uniform(20.0, 300.0)),
+        payload=float(rng.choice([0.0, rng.uniform(0.0, 2.0)])),
+        bar_density=float(rng.uniform(0.0, 8000.0)),
+        bar_radius=float(rng.uniform(0.001, 0.01)),
+        gravity=float(rng.choice([0.0, 1.62, 9.81])),
+        joint_limit=float(rng.choice([2.6, math.pi, 2 * math.pi])),
+        routing=routing,
+    )
+
+
 def dual_triangle_case(name: str, design: DualTriangleDesign, segments: int = 3) -> Case:
     # closer to the stops the lengths of springs vary too fast for differences; mpmath looks there
     limit, size = 0.7 * design.joint_limit, (design.b1 + design.b2) / 2
@@ -117,7 +167,14 @@ DUAL_TRIANGLE_MECHANISMS = [
     ),
 ]
 
-MECHANISMS = TWO_X_MECHANISMS + DUAL_TRIANGLE_MECHANISMS
+N_X_MECHANISMS = [
+    n_x_case("n-x of two", NXDesign.from_two_x(MURALIDHARAN2022)),
+    n_x_case("n-x of three", NXDesign.from_two_x(MURALIDHARAN2022, 3)),
+    *(n_x_case(f"n-x random {n}", random_n_x_design(0, n)) for n in (1, 2, 3, 4, 6)),
+    *(n_x_case(f"n-x random {n}, cables from the base", random_n_x_design(1, n, "from_base")) for n in (1, 2, 3, 4)),
+]
+
+MECHANISMS = TWO_X_MECHANISMS + DUAL_TRIANGLE_MECHANISMS + N_X_MECHANISMS
 
 
 def node_energy(mechanism: Any, q: Any, inputs: Any, load: Any) -> Any:
@@ -132,8 +189,9 @@ def node_energy(mechanism: Any, q: Any, inputs: Any, load: Any) -> Any:
     energy = getattr(design, "payload", 0.0) * gravity * y - load[0] * x - load[1] * y
     inputs = iter(inputs)
     for member in mechanism.members:
-        (x1, y1), (x2, y2) = (nodes[name] for name in member.nodes)
-        length = ((x2 - x1) ** 2 + (y2 - y1) ** 2) ** 0.5
+        ends = [(nodes[first], nodes[second]) for first, second in member.spans]
+        length = sum(((x2 - x1) ** 2 + (y2 - y1) ** 2) ** 0.5 for (x1, y1), (x2, y2) in ends)
+        (_, y1), (_, y2) = ends[0]
         if member.kind == "bar":
             energy = energy + member.mass * gravity * (y1 + y2) / 2
         elif member.kind == "spring":

@@ -8,6 +8,7 @@ from tensegrity_envs.mechanics.dual_triangle import (
     DualTriangleSegment,
 )
 from tensegrity_envs.mechanics.equilibrium import Equilibrium
+from tensegrity_envs.mechanics.n_x import NX, NXDesign
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.spatial_prism import JAHROMY, SpatialPrism, SpatialPrismDesign
 from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022, InverseSolution, TwoX, TwoXDesign
@@ -17,6 +18,7 @@ __all__ = [
     "JAHROMY",
     "JI2014",
     "MURALIDHARAN2022",
+    "NX",
     "ZHAO2021_CAPTION",
     "ZHAO2021_TEXT",
     "DualTriangle",
@@ -24,6 +26,7 @@ __all__ = [
     "DualTriangleSegment",
     "Equilibrium",
     "InverseSolution",
+    "NXDesign",
     "PlanarFourBar",
     "PlanarFourBarDesign",
     "SpatialPrism",
