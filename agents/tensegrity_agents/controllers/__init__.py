@@ -11,9 +11,9 @@ import gymnasium as gym
 
 from tensegrity_agents.controllers import dual_triangle, planar_four_bar, spatial_prism, two_x
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
-from tensegrity_agents.controllers.planar_four_bar.dynamic import FourBarFeedback, FourBarWay
+from tensegrity_agents.controllers.planar_four_bar.dynamic import DampedFeedback, PlannedPath
 from tensegrity_agents.controllers.random import RandomController
-from tensegrity_agents.controllers.spatial_prism.dynamic import PrismFeedback, PrismWay
+from tensegrity_agents.controllers.spatial_prism.dynamic import CurveTracking, TrackingFeedback
 from tensegrity_agents.controllers.two_x import posture
 from tensegrity_envs.core import Core
 
@@ -74,18 +74,18 @@ DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
         "oracle": partial(Ramp, base=dual_triangle.Oracle),
     },
     "PlanarFourBarReach": {
-        "closed_form_ik": partial(FourBarWay, base=planar_four_bar.ClosedFormIK, pace="full", damped=False),
-        "closed_form_shaped": partial(FourBarWay, base=planar_four_bar.ClosedFormIK, pace="shaped", damped=False),
-        "closed_form_damped": partial(FourBarWay, base=planar_four_bar.ClosedFormIK, pace="full"),
-        "closed_form_ramp": partial(FourBarWay, base=planar_four_bar.ClosedFormIK),
-        "pseudo_inverse": partial(FourBarFeedback, base=planar_four_bar.PseudoInverse),
+        "closed_form_ik": partial(PlannedPath, base=planar_four_bar.ClosedFormIK, pace="full", damped=False),
+        "closed_form_shaped": partial(PlannedPath, base=planar_four_bar.ClosedFormIK, pace="shaped", damped=False),
+        "closed_form_damped": partial(PlannedPath, base=planar_four_bar.ClosedFormIK, pace="full"),
+        "closed_form_ramp": partial(PlannedPath, base=planar_four_bar.ClosedFormIK),
+        "pseudo_inverse": partial(DampedFeedback, base=planar_four_bar.PseudoInverse),
     },
     "SpatialPrismTrack": {
-        "closed_form_ik": partial(PrismWay, base=spatial_prism.ClosedFormIK, damped=False),
-        "closed_form_shaped": partial(PrismWay, base=spatial_prism.ClosedFormIK, pace="shaped", damped=False),
-        "closed_form_damped": partial(PrismWay, base=spatial_prism.ClosedFormIK),
-        "pseudo_inverse": partial(PrismFeedback, base=spatial_prism.PseudoInverse),
-        "oracle": partial(PrismWay, base=spatial_prism.Oracle),
+        "closed_form_ik": partial(CurveTracking, base=spatial_prism.ClosedFormIK, damped=False),
+        "closed_form_shaped": partial(CurveTracking, base=spatial_prism.ClosedFormIK, pace="shaped", damped=False),
+        "closed_form_damped": partial(CurveTracking, base=spatial_prism.ClosedFormIK),
+        "pseudo_inverse": partial(TrackingFeedback, base=spatial_prism.PseudoInverse),
+        "oracle": partial(CurveTracking, base=spatial_prism.Oracle),
     },
 }
 

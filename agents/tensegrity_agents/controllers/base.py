@@ -1,41 +1,89 @@
-"""What the analytic controllers share."""
+"""What a controller is, and what the analytic ones share: how they read, remember and act."""
 
-from typing import Any, TypeVar
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from tensegrity_envs.compiler.pytree import is_array, tree_leaves, tree_map
 from tensegrity_envs.core import Core
+from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation import Episode
 
-Memory = TypeVar("Memory", bound="tuple[np.ndarray, ...]")
+Observation = Mapping[str, np.ndarray]  # the environment's Dict, in batches: arrays of shape (n, ...)
+Memory = TypeVar("Memory", bound=tuple[Any, ...])
+Batch = TypeVar("Batch")
 
 
-def beginning(count: int, state: Any, episode_start: Any) -> np.ndarray:
+class Controller(Protocol):
+    """Whatever has Stable-Baselines3's `predict`; `begin_episodes` is optional.
+
+    Observations are the environment's Dict, batched: arrays of shape (n, ...). Actions: shape (n, action size),
+    in [-1, 1].
+
+    `begin_episodes(mask, design, privileged)`, where it is defined, is called before the first `predict` of new
+    episodes with the mask of the environments that begin one, the nominal design, and None; a controller whose class
+    says `wants_privileged = True` (an oracle) gets the running `Episode`s, with their true designs and loads, instead
+    of None.
+    """
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[np.ndarray, Any]:
+        """Actions for a batch of observations, and the controller's next state."""
+        ...
+
+
+def beginning(count: int, state: object, episode_start: object) -> np.ndarray:
     """Which of `count` environments begin an episode, from the arguments of `predict`: all, if these do not say."""
     if state is None or episode_start is None:
         return np.ones(count, bool)
     return np.asarray(episode_start, bool)
 
 
-def renewed(begins: np.ndarray, new: Memory, old: Memory | None) -> Memory:
-    """A memory, a NamedTuple of arrays (n, ...): the new one where an episode begins, elsewhere the old one."""
-    if old is None:
+def rows_of(batch: Batch, index: np.ndarray) -> Batch:
+    """Some environments of a batch: the arrays (n, ...) in nested NamedTuples, dicts and designs at `index`."""
+    rows: Batch = tree_map(lambda values: values[index], batch, is_array)
+    return rows
+
+
+def with_rows(memory: Memory | None, index: np.ndarray, new: Memory) -> Memory:
+    """The memory of a batch in which some environments begin an episode.
+
+    Args:
+        memory: arrays (n, ...) in nested NamedTuples; None if all environments begin. It is not written to.
+        index: the environments that begin.
+        new: their memory, arrays (len(index), ...).
+    """
+    if memory is None:
         return new
-    where = [begins.reshape(-1, *[1] * (part.ndim - 1)) for part in new]
-    return type(new)(*(np.where(w, a, b) for w, a, b in zip(where, new, old, strict=True)))
+    news = tree_leaves(new, is_array)
+
+    def mixed(values: np.ndarray) -> np.ndarray:
+        copy = np.array(values)
+        copy[index] = next(news)
+        return copy
+
+    merged: Memory = tree_map(mixed, memory, is_array)
+    return merged
 
 
-class AnalyticController:
-    """Knows the core of its environment and the nominal mechanism; oracles are told the true episodes as well.
+class AnalyticController(ABC, Generic[Memory]):
+    """Reads the observation, remembers what it needs, acts. Subclasses say how.
+
+    The controller itself keeps nothing of an episode: its memory goes in and out of `predict` as Stable-Baselines3's
+    state, a NamedTuple of arrays (n, ...) or of such NamedTuples.
 
     Args:
         core: of the environment.
 
     Attributes:
-        knows: what it is told and measures, for tables.
+        knows: its information set in words, for tables.
+        wants_privileged: whether it asks the evaluation for the true episodes, as oracles do.
         rate: largest change of an input in one step.
         nominal: the mechanism of the nominal design.
-        privileged: the true episodes, for those that ask for them (see `privileged.Privileged`).
+        privileged: the true episodes, for those that ask for them.
     """
 
     wants_privileged = False
@@ -48,29 +96,92 @@ class AnalyticController:
         self._take(core.design)
 
     def begin_episodes(self, mask: np.ndarray, design: Any, privileged: Episode | None = None) -> None:
-        """Take the nominal design and, if this controller asks for it, the true episodes."""
+        """Take the nominal design and, if this controller asks for them, the true episodes.
+
+        Raises:
+            ValueError: it asks for the true episodes, and the evaluation did not hand them over.
+        """
         self._take(design)
         self.privileged = privileged
+        if self.wants_privileged:
+            _ = self.truth
 
     def _take(self, design: Any) -> None:
         """Take the nominal design."""
         self.nominal: Any = self.core.mechanism(design)
 
-
-class Privileged:
-    """Mixed into a controller that asks the evaluation for the true episodes."""
-
-    wants_privileged = True
-
-    def begin_episodes(self, mask: np.ndarray, design: Any, privileged: Episode | None = None) -> None:
-        """Take the nominal design and the true episodes.
+    @property
+    def truth(self) -> Episode:
+        """The true episodes.
 
         Raises:
-            ValueError: the evaluation did not hand over the true episodes.
+            ValueError: this controller was not given them.
         """
-        if privileged is None:
+        if self.privileged is None:
             raise ValueError(
                 f"{type(self).__name__}: needs the privileged episodes "
                 "(evaluate it through tensegrity_agents.evaluation.rollout)"
             )
-        super().begin_episodes(mask, design, privileged)  # type: ignore[misc]
+        return self.privileged
+
+    def true_load(self, index: np.ndarray) -> np.ndarray:
+        """The true dead force at the tip of the environments at `index`, shape (len(index), axes) [N]."""
+        return columns_of(rows_of(self.truth.load, index), len(index))
+
+    def predict(
+        self,
+        observation: Observation,
+        state: Memory | None = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Memory]:
+        """Actions for a batch of n observations, and what to remember.
+
+        Args:
+            observation: arrays of shape (n, ...).
+            state: the memory that the call before returned; None at first.
+            episode_start: which environments begin an episode, shape (n,); by default all.
+            deterministic: there is nothing random here.
+
+        Returns:
+            Shape (n, action size), within [-1, 1]; the memory.
+        """
+        observed = self.decode(observation)
+        begins = np.flatnonzero(beginning(len(observed), state, episode_start))
+        memory = state
+        if memory is None or len(begins):
+            memory = with_rows(memory, begins, self.initial(observed.take(begins), begins))
+        return self.act(observed, memory)
+
+    def act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """Actions within [-1, 1], and what to remember."""
+        actions, memory = self._act(observed, memory)
+        return np.clip(actions, -1.0, 1.0), memory
+
+    def decode(self, observation: Observation) -> DecodedObservation:
+        """The observation in SI units, and what a subclass makes of it."""
+        return self.core.schema.decode(observation)
+
+    @abstractmethod
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
+        """The memory of the environments at `index`, which begin an episode; `observed` are their observations."""
+
+    @abstractmethod
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """Actions, which may be larger than 1, and what to remember; `memory` must not be written to."""
+
+
+def columns_of(components: Sequence[Any], count: int) -> np.ndarray:
+    """Components, numbers or arrays (count,), as the columns of an array (count, len(components))."""
+    array = np.empty((count, len(components)))
+    for axis, component in enumerate(components):
+        array[:, axis] = component
+    return array
+
+
+def ragged(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays of different lengths as one object array (n,), as a memory keeps them."""
+    array = np.empty(len(parts), object)
+    for i, part in enumerate(parts):
+        array[i] = part
+    return array

@@ -1,18 +1,19 @@
-"""The analytic controllers in dynamics: made for arms at rest, they are led along smooth ramps, or damped.
+"""The analytic controllers in dynamics: made for mechanisms at rest, they are led along smooth ramps, or damped.
 
 Both wrap a controller of the quasi-static environments and work in the space of the inputs, so they are the same for
 every mechanism. They add what those lack: a time course that does not set the arm swinging, and active damping.
 """
 
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import beginning
-from tensegrity_envs.compiler.pytree import is_array, tree_map
+from tensegrity_agents.controllers.base import AnalyticController, Observation, rows_of
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
+from tensegrity_envs.simulation import Episode
 
 Pace = Literal["full", "shaped", "smooth"]
 ADDS = {"full": "at full speed", "shaped": "shaped (ZVD)", "smooth": "smooth ramp"}
@@ -21,7 +22,52 @@ _PEAK = 15 / 8  # largest speed of the minimum-jerk time course, 1 being the mea
 _COURSE = int(_PEAK * _PLANNED)  # steps of a course
 
 
-class Dynamic:
+Memory = TypeVar("Memory", bound=tuple[Any, ...])
+Base = Callable[[Core], Any]  # makes the quasi-static controller for a core
+
+
+class Adapted(AnalyticController[Memory]):
+    """A quasi-static controller adapted to dynamics.
+
+    Args:
+        core: of the environment.
+        base: makes the quasi-static controller.
+        adds: what is added to its information set and to what it does, in words.
+
+    Attributes:
+        base: the quasi-static controller.
+        low, high: bounds of the inputs.
+    """
+
+    def __init__(self, core: Core, base: Base, adds: str) -> None:
+        super().__init__(core)
+        self.base: Any = base(core)
+        self.knows = f"{self.base.knows}; {adds}"
+        self.wants_privileged = self.base.wants_privileged
+        simulation: Any = core.simulation
+        self.simulation, (self.low, self.high) = simulation, simulation.bounds(core.nominal)
+
+    def begin_episodes(self, mask: np.ndarray, design: Any, privileged: Episode | None = None) -> None:
+        """Hand over what the quasi-static controller asks for."""
+        super().begin_episodes(mask, design, privileged)
+        self.base.begin_episodes(mask, design, privileged)
+
+    def action_to(self, wanted: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        """Actions that bring the inputs to the wanted ones, shape (n, inputs), within bounds."""
+        return np.asarray((np.clip(wanted, self.low, self.high) - inputs) / self.rate)
+
+    def decode(self, observation: Observation) -> DecodedObservation:
+        """The observation in SI units, and `encoded`: the entry "observation" as it is."""
+        observed: DecodedObservation = self.base.decode(observation)
+        return observed.replace(encoded=np.asarray(observation["observation"], float))
+
+    def with_inputs(self, observed: DecodedObservation, inputs: np.ndarray) -> Observation:
+        """The observations, encoded, of the same mechanisms with other inputs, shape (n, inputs)."""
+        seen = {"observation": observed.encoded, "achieved_goal": observed.tip, "desired_goal": observed.target}
+        return self.core.schema.with_values(seen, "inputs", inputs)
+
+
+class Damped(Adapted[Memory]):
     """What ramps and damped controllers share: active damping, and holding the inputs on a plan.
 
     Damping adds to the planned inputs u what gives the joint torques -c M velocity, or, where only the tip is observed,
@@ -31,33 +77,20 @@ class Dynamic:
     Args:
         core: of the environment.
         base: makes the quasi-static controller.
+        adds: see `Adapted`.
     """
 
     damping = 5.0  # c [1/s]
-    adds = ""
 
-    def __init__(self, core: Core, base: Any) -> None:
+    def __init__(self, core: Core, base: Base, adds: str) -> None:
+        super().__init__(core, base, adds)
         engine: Any = core.engine
-        self.core = core
-        self.base = base(core)
-        self.knows = f"{self.base.knows}; {self.adds}"
-        self.wants_privileged = getattr(self.base, "wants_privileged", False)
-        simulation: Any = core.simulation
-        self.rate = float(simulation.rate)
-        self.low, self.high = simulation.bounds(core.nominal)
-        self.joints = int(engine.joints)
-        self.told: tuple[Any, Any] = core.design, None  # at the beginning of the episodes: design, privileged
+        self.model, self.joints = engine.model, int(engine.joints)
 
     @cached_property
     def mass(self) -> np.ndarray:
         """The arm's mass matrix at q = 0 [kg m2], shape (joints, joints)."""
-        engine: Any = self.core.engine
-        return np.asarray(engine.model.mass_matrix(np.zeros(self.joints)))
-
-    def begin_episodes(self, mask: np.ndarray, design: Any, privileged: Any = None) -> None:
-        """Hand over what the quasi-static controller asks for."""
-        self.told = design, privileged
-        self.base.begin_episodes(mask, design, privileged)
+        return np.asarray(self.model.mass_matrix(np.zeros(self.joints)))
 
     def damped(self, observed: DecodedObservation, inputs: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Actions that bring the inputs to the planned ones, shape (n, inputs), and damp.
@@ -79,16 +112,15 @@ class Dynamic:
         normal = np.einsum("nji,nki->njk", effect, effect)
         normal += 1e-6 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(self.joints)
         change = np.einsum("nji,njk,nk->ni", effect, np.linalg.inv(normal), torque)
-        wanted = np.clip(inputs + change, self.low, self.high)
-        return np.asarray(np.clip((wanted - observed.inputs) / self.rate, -1.0, 1.0))
+        return self.action_to(inputs + change, observed.inputs)
 
     def _effect(self, q: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """d (energy gradient) / d inputs, shape (n, joints, inputs): the gradient is linear in them."""
-        arm, simulation = self.core.nominal, self.core.simulation
+        arm, simulation = self.core.nominal, self.simulation
         at = tuple(q.T)
 
         def gradient(values: np.ndarray) -> np.ndarray:
-            rows = arm.energy_gradient(at, simulation.actuation(arm, tuple(values.T)))  # type: ignore[union-attr]
+            rows = arm.energy_gradient(at, simulation.actuation(arm, tuple(values.T)))
             return np.stack([np.broadcast_to(row, len(q)) for row in rows], axis=1)
 
         step = 0.01 * (self.high - self.low)
@@ -97,8 +129,8 @@ class Dynamic:
 
     def resting(self, inputs: np.ndarray) -> np.ndarray:
         """Configurations (n, joints) [rad] in which the nominal arm would rest, without a load."""
-        arm, simulation = self.core.nominal, self.core.simulation
-        actuation = simulation.actuation(arm, tuple(inputs.T))  # type: ignore[union-attr]
+        arm = self.core.nominal
+        actuation = self.simulation.actuation(arm, tuple(inputs.T))
         rest = arm.equilibrium(actuation, tuple(np.zeros((self.joints, len(inputs)))))
         return np.stack(rest.configuration, axis=1)
 
@@ -119,52 +151,34 @@ class RampMemory(NamedTuple):
     step: np.ndarray
 
 
-class Ramp(Dynamic):
-    """The inputs that a quasi-static controller would give, laid out when the episode begins and followed smoothly.
+class Planned(Damped[Memory]):
+    """The inputs that a quasi-static controller would give are planned when the episode begins.
 
-    Minimum-jerk time course (10 s^3 - 15 s^4 + 6 s^5), no faster than the inputs' rate, in at least `shortest` steps;
-    then the inputs are held.
+    `pace` says how they are followed: "smooth" along a minimum-jerk time course (10 s^3 - 15 s^4 + 6 s^5), no faster
+    than the inputs' rate, in at least `shortest` steps; or "full", as they are. Then the inputs are held.
     """
 
     shortest = 60
-    adds = "smooth ramp, active damping"
+    pace: Pace = "smooth"
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, RampMemory]:
-        """Actions (n, inputs) for a batch of n observations."""
-        observed = self.core.schema.decode(observation)
-        n = len(observed)
-        fresh = beginning(n, state, episode_start)
-        if state is None:
-            state = RampMemory(np.zeros((n, _COURSE, self.core.simulation.action_size)), np.zeros(n, int))
-        memory = RampMemory(*(np.array(part) for part in state))
-        if fresh.any():
-            index = np.flatnonzero(fresh)
-            memory.plan[index], memory.step[index] = self._laid_out(observation, index), 0
-        rows = np.arange(n)
-        wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
-        action = self.damped(observed, wanted, self.believed(observed, wanted))
-        return action, memory._replace(step=memory.step + 1)
-
-    def _laid_out(self, observation: Any, index: np.ndarray) -> np.ndarray:
-        """The plans of some environments: what the quasi-static controller does, its arm being where it says."""
-        part = {key: np.asarray(value)[index] for key, value in observation.items()}
+    def _plan(self, observed: DecodedObservation, index: np.ndarray) -> np.ndarray:
+        """Inputs after each step of the environments at `index`: what the quasi-static controller does, its mechanism
+        being where it says.
+        """
         start = np.ones(len(index), bool)
-        design, privileged = self.told
-        self.base.begin_episodes(start, design, tree_map(lambda value: value[index], privileged, is_array))
-        inputs, state = self.core.schema.decode(part).inputs, None
+        self.base.begin_episodes(start, self.nominal.design, rows_of(self.privileged, index))
+        inputs, state = observed.inputs, None
         path = [inputs]
         for _ in range(_PLANNED):
-            imagined = self.core.schema.with_values(part, "inputs", inputs)
-            action, state = self.base.predict(imagined, state, start, deterministic=True)
+            action, state = self.base.predict(self.with_inputs(observed, inputs), state, start, deterministic=True)
             inputs = np.clip(inputs + self.rate * action, self.low, self.high)
             path.append(inputs)
             start = np.zeros(len(index), bool)
-        return self._smooth(np.stack(path, axis=1))
+        laid_out = np.stack(path, axis=1)
+        return self._smoothed(laid_out) if self.pace == "smooth" else laid_out[:, 1:]
 
-    def _smooth(self, path: np.ndarray) -> np.ndarray:
-        """The same way in the same shape, at another pace."""
+    def _smoothed(self, path: np.ndarray) -> np.ndarray:
+        """The same path in the same shape, at another pace."""
         moving = np.abs(np.diff(path, axis=1)).max(axis=2) > 1e-9 * (self.high - self.low)
         length = np.where(moving.any(axis=1), path.shape[1] - 1 - moving[:, ::-1].argmax(axis=1), 0)
         steps = np.maximum(np.ceil(_PEAK * length), self.shortest)
@@ -176,14 +190,36 @@ class Ramp(Dynamic):
         return np.asarray((1 - share) * path[rows, before] + share * path[rows, before + 1])
 
 
+class Ramp(Planned[RampMemory]):
+    """The plan is followed smoothly, with active damping.
+
+    Args:
+        core: of the environment.
+        base: makes the quasi-static controller.
+    """
+
+    def __init__(self, core: Core, base: Base) -> None:
+        super().__init__(core, base, "smooth ramp, active damping")
+
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> RampMemory:
+        """See `AnalyticController.initial`."""
+        return RampMemory(self._plan(observed, index), np.zeros(len(index), int))
+
+    def _act(self, observed: DecodedObservation, memory: RampMemory) -> tuple[np.ndarray, RampMemory]:
+        rows = np.arange(len(memory.step))
+        wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
+        action = self.damped(observed, wanted, self.believed(observed, wanted))
+        return action, memory._replace(step=memory.step + 1)
+
+
 class FeedbackMemory(NamedTuple):
-    """What a damped feedback carries: the inputs that it has planned, and what the quasi-static controller carries."""
+    """What a damped feedback carries: the inputs that it has planned, and the memory of the quasi-static controller."""
 
     inputs: np.ndarray
     base: Any
 
 
-class Feedback(Dynamic):
+class Feedback(Damped[FeedbackMemory]):
     """A quasi-static controller that feeds back the tip error: damped, and slowed down, not to drive the vibration.
 
     Args:
@@ -192,24 +228,18 @@ class Feedback(Dynamic):
         slowed: share of its steps that is taken.
     """
 
-    adds = "slowed down, active damping"
-
-    def __init__(self, core: Core, base: Any, slowed: float = 0.15) -> None:
-        super().__init__(core, base)
+    def __init__(self, core: Core, base: Base, slowed: float = 0.15) -> None:
+        super().__init__(core, base, "slowed down, active damping")
         self.base.gain *= slowed
         # The steps move the commanded configuration, which is integral action already; more of it feeds the vibration.
         self.base.integral_gain = 0.0
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, FeedbackMemory]:
-        """Actions (n, inputs) for a batch of n observations."""
-        observed = self.core.schema.decode(observation)
-        n = len(observed)
-        fresh = beginning(n, state, episode_start)
-        inputs = observed.inputs if state is None else np.where(fresh[:, None], observed.inputs, state.inputs)
-        before = None if state is None else state.base
-        imagined = self.core.schema.with_values(observation, "inputs", inputs)
-        action, base = self.base.predict(imagined, before, fresh, deterministic=True)
-        inputs = np.clip(inputs + self.rate * action, self.low, self.high)
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> FeedbackMemory:
+        """See `AnalyticController.initial`."""
+        return FeedbackMemory(observed.inputs, self.base.initial(observed, index))
+
+    def _act(self, observed: DecodedObservation, memory: FeedbackMemory) -> tuple[np.ndarray, FeedbackMemory]:
+        seen = self.base.decode(self.with_inputs(observed, memory.inputs))
+        action, base = self.base.act(seen, memory.base)
+        inputs = np.clip(memory.inputs + self.rate * action, self.low, self.high)
         return self.damped(observed, inputs, self.believed(observed, inputs)), FeedbackMemory(inputs, base)

@@ -77,13 +77,15 @@ class Damping:
     Args:
         core: of the environment, dynamic, everything observed.
         modes: of its mechanism.
+        enabled: whether it does anything; if not, the lengths are the planned ones.
     """
 
     softness = 10.0
     most = 0.02
 
-    def __init__(self, core: Core, modes: Modes) -> None:
+    def __init__(self, core: Core, modes: Modes, enabled: bool = True) -> None:
         engine: Any = core.engine
+        self.enabled = enabled
         self.modes, self.model = modes, engine.model
         dynamics = self.model.dynamics
         self.time = dynamics.timestep * dynamics.frame_skip
@@ -106,6 +108,8 @@ class Damping:
             planned: after this step, shape (n, inputs) [m].
             memory: from the step before.
         """
+        if not self.enabled:
+            return planned, memory._replace(lengths=planned)
         m = lengths.shape[1]
         away, rate, branch = self.modes.read(observed, lengths)
         jump, flow, weight, slope = self._system(lengths, branch)

@@ -1,9 +1,8 @@
 """The zero of the normalized score."""
 
-from typing import Any
-
 import numpy as np
 
+from tensegrity_agents.controllers.base import Observation
 from tensegrity_envs.core import Core
 
 
@@ -17,7 +16,7 @@ class RandomController:
         self._rng = np.random.default_rng(seed)
 
     def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+        self, observation: Observation, state: object = None, episode_start: object = None, deterministic: bool = True
     ) -> tuple[np.ndarray, None]:
         """Actions (n, size)."""
         return self._rng.uniform(-1.0, 1.0, (len(observation["achieved_goal"]), self.size)), None

@@ -4,14 +4,15 @@ The literature offers none. What can be done is to make the arm stiff (co-contra
 self-motion curve that withstands most, and to correct the inputs for the load that the joint angles reveal.
 """
 
+from abc import abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController, Privileged, beginning, renewed
+from tensegrity_agents.controllers.base import AnalyticController, Observation, columns_of
 from tensegrity_agents.controllers.dual_triangle.identification import explain
 from tensegrity_agents.controllers.dual_triangle.stiffening import Loop, hold, withstood
-from tensegrity_envs.mechanics.dual_triangle import DualTriangleDesign
+from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.observation import DecodedObservation
 
 _PLACES = 180  # on the self-motion curve
@@ -27,7 +28,7 @@ class Memory(NamedTuple):
         commanded: configuration that the inputs stand for, shape (n, 3) [rad].
         load: estimated a step ago, shape (n, 2) [N].
         goal: place on the self-motion curve to go to, shape (n,).
-        way: the sense in which to go there, +-1, shape (n,).
+        sense: in which to go there, +-1, shape (n,).
         offset: of the tip from the target to go to, shape (n, 2) [m].
     """
 
@@ -35,16 +36,18 @@ class Memory(NamedTuple):
     commanded: np.ndarray
     load: np.ndarray
     goal: np.ndarray
-    way: np.ndarray
+    sense: np.ndarray
     offset: np.ndarray
 
 
-class PushController(AnalyticController):
+class PushController(AnalyticController[Memory]):
     """What the controllers of this task share.
 
     Args:
         core: of the environment.
     """
+
+    nominal: DualTriangle
 
     def _take(self, design: DualTriangleDesign) -> None:
         super()._take(design)
@@ -52,24 +55,27 @@ class PushController(AnalyticController):
         low, high = simulation.bounds(self.nominal)
         self.bounds = float(low), float(high)
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Memory]:
-        """Actions (n, 6) for a batch of n observations."""
-        observed = self.core.schema.decode(observation)
-        n = len(observed)
-        fresh = beginning(n, state, episode_start)
+    def decode(self, observation: Observation) -> DecodedObservation:
+        """The observation, with the joint angles that explain the tip where they are not observed."""
+        observed = super().decode(observation)
         if "joint_angles" in observed:
-            q = observed.joint_angles
-        else:
-            q = explain(self.nominal, observed.tip, observed.inputs).configuration
-        new = Memory(np.zeros(n, int), q, np.zeros((n, 2)), np.zeros(n), np.ones(n), np.zeros((n, 2)))
-        action, memory = self._act(observed, q, renewed(fresh, new, state))
-        return np.clip(action, -1.0, 1.0), memory._replace(step=memory.step + 1)
+            return observed
+        q = explain(self.nominal, observed.tip, observed.inputs).configuration
+        return observed.replace(joint_angles=q)
 
-    def _act(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
-        """Actions (n, 6) for configurations (n, 3) [rad]."""
-        raise NotImplementedError
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
+        """See `AnalyticController.initial`."""
+        n = len(index)
+        none = np.zeros((n, 2))
+        return Memory(np.zeros(n, int), observed.joint_angles, none, np.zeros(n), np.ones(n), none)
+
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        action, memory = self._move(observed, observed.joint_angles, memory)
+        return action, memory._replace(step=memory.step + 1)
+
+    @abstractmethod
+    def _move(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """Actions (n, 6) for configurations (n, 3) [rad], and what to remember."""
 
 
 class HoldInputs(PushController):
@@ -77,7 +83,7 @@ class HoldInputs(PushController):
 
     knows = "the nominal design; no feedback"
 
-    def _act(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _move(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
         return np.zeros_like(observed.inputs), memory
 
 
@@ -90,7 +96,7 @@ class PushPseudoInverse(PushController):
     gain = 0.5
     damping = 0.005  # [m/rad]
 
-    def _act(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _move(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
         x, y = (observed.tip + self.gain * (observed.target - observed.tip)).T
         step = np.stack(self.nominal.moore_penrose_step(tuple(q.T), x, y, self.damping), axis=1)
         limit = float(self.nominal.design.joint_limit)
@@ -115,14 +121,15 @@ class PushObserver(PushController):
     safe = 0.02  # stability margin beyond which no more is asked for
     first_move = 1  # step; before, the direction of the load is not known
 
-    def _act(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _move(self, observed: DecodedObservation, q: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
         load = np.stack(self.nominal.estimate_load(tuple(q.T), tuple(observed.inputs.T)), axis=1)
         growth = self._growth(load, memory)
         begins = np.flatnonzero(self._plans_now(memory))
         if len(begins):
             plan = self._plan(observed.target[begins], q[begins], growth[begins])
-            memory = Memory(*(np.array(part) for part in memory))
-            memory.goal[begins], memory.way[begins], memory.offset[begins] = plan
+            goal, sense, offset = memory.goal.copy(), memory.sense.copy(), memory.offset.copy()
+            goal[begins], sense[begins], offset[begins] = plan
+            memory = memory._replace(goal=goal, sense=sense, offset=offset)
         moves = memory.step >= self.first_move
         return self._step(observed, q, load + growth, moves, memory), memory._replace(load=load)
 
@@ -148,7 +155,7 @@ class PushObserver(PushController):
         steps = np.abs(np.roll(lengths, -1, axis=2) - lengths).max(axis=0) / self.rate + 0.02
         first = np.rint(Loop(arm, tuple(target.T)).place(q.T) / (2 * np.pi) * _PLACES).astype(int) % _PLACES
         rows = np.arange(n)[:, None]
-        best, goal, way = np.full(n, -np.inf), np.zeros(n, int), np.ones(n)
+        best, goal, turning = np.full(n, -np.inf), np.zeros(n, int), np.ones(n)
         for sense in (1, -1):
             order = (first[:, None] + sense * np.arange(_PLACES)) % _PLACES
             cost = steps[rows, order if sense > 0 else (order - 1) % _PLACES]
@@ -156,15 +163,15 @@ class PushObserver(PushController):
             along = strength[rows, order]
             passable = along > speed[:, None] * (arrival + 12.0)  # the first steps go into stiffening
             passable[:, 0] = True
-            open_way = np.logical_and.accumulate(passable, axis=1)
-            value = np.where(open_way, along - 0.02 * speed[:, None] * arrival, -np.inf)
+            open_path = np.logical_and.accumulate(passable, axis=1)
+            value = np.where(open_path, along - 0.02 * speed[:, None] * arrival, -np.inf)
             place = value.argmax(axis=1)
             better = value[rows[:, 0], place] > best
             best = np.where(better, value[rows[:, 0], place], best)
             goal = np.where(better, order[rows[:, 0], place], goal)
-            way = np.where(better, sense, way)
+            turning = np.where(better, sense, turning)
         s, offset = self._refined(target, places[goal], (unit[:, 0], unit[:, 1]), largest)
-        return s, way, offset
+        return s, turning, offset
 
     def _refined(
         self, target: np.ndarray, s: np.ndarray, unit: tuple[np.ndarray, np.ndarray], largest: float
@@ -206,7 +213,7 @@ class PushObserver(PushController):
         tip = np.stack(arm.tip(tuple(q.T)))
         here = Loop(arm, (tip[0], tip[1])).place(q.T)
         near = np.pi - (np.pi - (memory.goal - here)) % (2 * np.pi)
-        left = np.where(np.abs(near) < 0.5, near, memory.way * ((memory.way * (memory.goal - here)) % (2 * np.pi)))
+        left = np.where(np.abs(near) < 0.5, near, memory.sense * ((memory.sense * (memory.goal - here)) % (2 * np.pi)))
         stride = np.where(moves, np.clip(left, -self.largest_turn, self.largest_turn), 0.0)
         # The tip goes to its offset in step with the place on the curve.
         pace = np.where(moves, np.where(np.abs(left) > 1e-9, stride / np.where(left == 0, 1.0, left), 1.0), 0.0)
@@ -215,15 +222,12 @@ class PushObserver(PushController):
         return np.where(along == 0, q.T[:, None], ahead)
 
 
-class PushOracle(Privileged, PushObserver):
-    """Told how the load grows: plans the posture before the first step."""
+class PushOracle(PushObserver):
+    """Is given the growth of the load: it plans the posture before the first step."""
 
+    wants_privileged = True
     knows = "how the load grows; plans the posture in advance"
     first_move = 0
 
     def _growth(self, load: np.ndarray, memory: Memory) -> np.ndarray:
-        assert self.privileged is not None
-        growth = np.empty_like(load)
-        for axis, force in enumerate(self.privileged.load_rate):
-            growth[:, axis] = force
-        return growth
+        return columns_of(self.truth.load_rate, len(load))

@@ -1,17 +1,18 @@
-"""The analytic controllers that reach with the dual-triangle arm, and what each of them knows.
+"""The analytic controllers that reach with the dual-triangle arm, and the information set of each.
 
 [Zhao2021] is the closed form: redundancy resolution by one of three objectives and the control law. Under a load the
 law needs the load (with the sign of the print corrected), and stability must be checked: observer and oracle do both.
 """
 
+from abc import abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController, Privileged, beginning
+from tensegrity_agents.controllers.base import AnalyticController
 from tensegrity_agents.controllers.dual_triangle.identification import advance, explain
 from tensegrity_agents.controllers.dual_triangle.planning import RoadMap, choose_posture, schedule
-from tensegrity_envs.mechanics.dual_triangle import DualTriangleDesign
+from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
 from tensegrity_envs.observation import DecodedObservation
 
@@ -41,25 +42,14 @@ class Memory(NamedTuple):
     crossing: np.ndarray
 
 
-def _nothing(n: int) -> Memory:
-    """The memory of n environments in which nothing has happened yet."""
-    return Memory(
-        np.zeros((n, _STEPS, 3)),
-        np.zeros(n, int),
-        np.zeros((n, 3)),
-        np.full(n, np.inf),
-        np.zeros(n, int),
-        np.zeros((n, 3)),
-        np.zeros(n, bool),
-    )
-
-
-class ReachController(AnalyticController):
+class ReachController(AnalyticController[Memory]):
     """Plans the inputs of an episode when it begins, and follows the plan. Subclasses say how they plan.
 
     Args:
         core: of the environment.
     """
+
+    nominal: DualTriangle
 
     def _take(self, design: DualTriangleDesign) -> None:
         super()._take(design)
@@ -68,25 +58,18 @@ class ReachController(AnalyticController):
         # Up to here the unloaded arm can be held, too; beyond its joint limit an episode ends.
         self.joint_limit = 0.98 * min(float(design.joint_limit), float(self.nominal.segment.control_limit))
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Memory]:
-        """Actions (n, 3) for a batch of n observations."""
-        observed = self.core.schema.decode(observation)
-        n = len(observed)
-        fresh = beginning(n, state, episode_start)
-        if state is None:
-            state = _nothing(n)
-        memory = Memory(*(np.array(part) for part in state))
-        if fresh.any():
-            index = np.flatnonzero(fresh)
-            part = observed.take(index)
-            start = self._start(part)
-            new = _nothing(len(index))._replace(plan=self._plan(part, start, index), commanded=start)
-            for old, value in zip(memory, new, strict=True):
-                old[index] = value
-        action, memory = self._act(observed, memory)
-        return np.clip(action, -1.0, 1.0), memory
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
+        """See `AnalyticController.initial`."""
+        n, start = len(index), self._start(observed)
+        return Memory(
+            self._plan(observed, start, index),
+            np.zeros(n, int),
+            start,
+            np.full(n, np.inf),
+            np.zeros(n, int),
+            np.zeros((n, 3)),
+            np.zeros(n, bool),
+        )
 
     def _start(self, observed: DecodedObservation) -> np.ndarray:
         """Configurations (n, 3) [rad]: observed, or else where the nominal arm would rest under the inputs."""
@@ -97,9 +80,9 @@ class ReachController(AnalyticController):
         rest = self.nominal.equilibrium(lengths, tuple(np.zeros((3, len(observed.tip)))))
         return np.stack(rest.configuration, axis=1)
 
+    @abstractmethod
     def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
-        """Inputs after each step, (n, steps, 3) [m]. `index` tells which environments these are."""
-        raise NotImplementedError
+        """Inputs of the environments at `index` after each step, (n, steps, 3) [m]."""
 
     def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         rows = np.arange(len(memory.step))
@@ -119,10 +102,10 @@ class ClosedForm(ReachController):
         x, y = observed.target.T
         found = self.nominal.redundancy(x, y, tuple(start.T), self.objective, self.joint_limit)
         goal = np.clip(np.stack(self.nominal.control(found.configuration), axis=1), -self.bound, self.bound)
-        gap = goal - observed.inputs
-        steps = np.maximum(np.abs(gap).max(axis=1) / self.rate, 1.0)
+        change = goal - observed.inputs
+        steps = np.maximum(np.abs(change).max(axis=1) / self.rate, 1.0)
         share = np.minimum(np.arange(1, _STEPS + 1) / steps[:, None], 1.0)
-        return np.asarray(observed.inputs[:, None] + share[..., None] * gap[:, None])
+        return np.asarray(observed.inputs[:, None] + share[..., None] * change[:, None])
 
 
 class ClosedFormSum(ClosedForm):
@@ -178,11 +161,11 @@ class PseudoInverse(ReachController):
         memory = self._watch(observed, np.hypot(*error.T), memory)
         step = self._resolved_rate(q, self.gain * error)
         goal = np.clip(np.where(memory.crossing[:, None], memory.restart_at, q + step), -limit, limit)
-        gap = goal - q
-        gap = gap * np.minimum(1.0, self.largest_turn / np.maximum(np.abs(gap).max(axis=1, keepdims=True), 1e-12))
-        change = np.stack(self.nominal.control(tuple((q + gap).T)), axis=1) - observed.inputs
+        turn = goal - q
+        turn = turn * np.minimum(1.0, self.largest_turn / np.maximum(np.abs(turn).max(axis=1, keepdims=True), 1e-12))
+        change = np.stack(self.nominal.control(tuple((q + turn).T)), axis=1) - observed.inputs
         share = 1.0 / np.maximum(np.abs(change).max(axis=1, keepdims=True) / self.rate, 1.0)
-        commanded = q + share * gap
+        commanded = q + share * turn
         return share * change / self.rate, memory._replace(commanded=commanded, step=memory.step + 1)
 
     def _resolved_rate(self, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -210,9 +193,9 @@ class PseudoInverse(ReachController):
         stuck = (waited > self.patience) & (np.abs(q).max(axis=1) > limit - 0.1) & ~memory.crossing
         table = self.spread * limit * _POSTURES
         tips = np.stack(self.nominal.tip(tuple(table.T)), axis=1)
-        away = np.linalg.norm(observed.target[:, None] - tips, axis=2)
-        away += np.where(np.abs(table - q[:, None]).max(axis=2) < self.apart, np.inf, 0.0)
-        restart_at = np.where(stuck[:, None], table[away.argmin(axis=1)], memory.restart_at)
+        distances = np.linalg.norm(observed.target[:, None] - tips, axis=2)
+        distances += np.where(np.abs(table - q[:, None]).max(axis=2) < self.apart, np.inf, 0.0)
+        restart_at = np.where(stuck[:, None], table[distances.argmin(axis=1)], memory.restart_at)
         there = np.abs(restart_at - q).max(axis=1) < 1e-3
         crossing = (memory.crossing | stuck) & ~there
         restart = crossing | (memory.crossing & ~crossing)
@@ -250,21 +233,18 @@ class Observer(ReachController):
         return np.asarray(np.clip(np.stack(plans), -self.bound, self.bound))
 
 
-class Oracle(Privileged, Observer):
-    """Told the true load; runs its plan in the nominal model first, and where the straight path fails, goes round by
-    intermediate postures of a road map.
+class Oracle(Observer):
+    """Is given the true load; runs its plan in the nominal model first, and where the straight path fails, goes round
+    by intermediate postures of a road map.
     """
 
+    wants_privileged = True
     knows = "the true load; plans paths inside the set of stable postures"
     attempts = 4
 
     def _identified(self, observed: DecodedObservation, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        assert self.privileged is not None
-        q, found = super()._identified(observed, index)
-        load = np.empty_like(found)
-        for axis, force in enumerate(self.privileged.load):
-            load[:, axis] = force[index] if np.ndim(force) else force
-        return q, load
+        q, _ = super()._identified(observed, index)
+        return q, self.true_load(index)
 
     def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
         plans = super()._plan(observed, start, index)

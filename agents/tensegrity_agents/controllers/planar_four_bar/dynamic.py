@@ -8,16 +8,31 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import beginning, renewed
-from tensegrity_agents.controllers.dynamic import ADDS, Pace, Ramp
+from tensegrity_agents.controllers.dynamic import ADDS, Base, Memory, Pace, Planned
 from tensegrity_agents.controllers.fixed_length_damping import Damping, DampingMemory
 from tensegrity_agents.controllers.planar_four_bar.modes import FourBarModes
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
 
-class Laid(NamedTuple):
-    """What a laid out way carries from step to step.
+class _Lengths(Planned[Memory]):
+    """What the controllers of the 4-bar share.
+
+    Args:
+        core: of the environment.
+        base: makes the quasi-static controller.
+        adds: see `dynamic.Adapted`.
+        damped: whether deviations calm the mechanism.
+    """
+
+    def __init__(self, core: Core, base: Base, adds: str, damped: bool) -> None:
+        super().__init__(core, base, f"{adds}{', active damping' if damped else ''}")
+        self.modes = FourBarModes(core)
+        self.damper = Damping(core, self.modes, damped)
+
+
+class PathMemory(NamedTuple):
+    """What a planned path carries from step to step.
 
     Attributes:
         plan: lengths after each step, shape (n, steps, inputs) [m].
@@ -30,63 +45,37 @@ class Laid(NamedTuple):
     damping: DampingMemory
 
 
-class FourBarWay(Ramp):
-    """The lengths that a quasi-static controller of the planar 4-bar would give, laid out when the episode begins.
+class PlannedPath(_Lengths[PathMemory]):
+    """The lengths that a quasi-static controller of the planar 4-bar would give, planned when the episode begins.
 
     Args:
         core: of the environment.
         base: makes the quasi-static controller, which feeds nothing back.
         pace: at which they are followed: at full speed; the same through two zero-vibration-and-derivative shapers, for
-            the modes where the way ends; or along a minimum-jerk time course of 60 steps at least.
+            the modes where the path ends; or along a minimum-jerk time course of 60 steps at least.
         damped: whether deviations calm the mechanism.
     """
 
-    def __init__(self, core: Core, base: Any, pace: Pace = "smooth", damped: bool = True) -> None:
-        super().__init__(core, base)
-        self.pace, self.is_damped = pace, damped
-        self.knows = f"{self.base.knows}; {ADDS[pace]}{', active damping' if damped else ''}"
-        self.modes = FourBarModes(core)
-        self.damper = Damping(core, self.modes)
+    def __init__(self, core: Core, base: Base, pace: Pace = "smooth", damped: bool = True) -> None:
+        super().__init__(core, base, ADDS[pace], damped)
+        self.pace = pace
 
-    def believed(self, observed: DecodedObservation, inputs: np.ndarray) -> np.ndarray:
-        """Nothing that is needed."""
-        return np.zeros_like(inputs)
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> PathMemory:
+        """See `AnalyticController.initial`."""
+        plan = self._plan(observed, index)
+        if self.pace == "shaped":
+            plan = self._shaped(observed, plan)
+        return PathMemory(plan, np.zeros(len(index), int), self.damper.begin(observed.inputs))
 
-    def predict(  # type: ignore[override]
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Laid]:
-        """Actions (n, 2) for a batch of n observations."""
-        observed = self.core.schema.decode(observation)
-        n = len(observed)
-        fresh = beginning(n, state, episode_start)
-        plan: Any
-        plan, step, damping = (None, np.zeros(n, int), None) if state is None else state
-        damping = renewed(fresh, self.damper.begin(observed.inputs), damping)
-        if fresh.any():
-            index = np.flatnonzero(fresh)
-            new = self._planned(observation, index)
-            plan = np.zeros((n, *new.shape[1:])) if plan is None else plan.copy()
-            plan[index], step = new, np.where(fresh, 0, step)
-        wanted = plan[np.arange(n), np.minimum(step, plan.shape[1] - 1)]
-        if self.is_damped:
-            wanted, damping = self.damper.act(observed, observed.inputs, wanted, damping)
-        action = np.clip((np.clip(wanted, self.low, self.high) - observed.inputs) / self.rate, -1.0, 1.0)
-        return action, Laid(plan, step + 1, damping)
+    def _act(self, observed: DecodedObservation, memory: PathMemory) -> tuple[np.ndarray, PathMemory]:
+        plan, step, damping = memory
+        wanted = plan[np.arange(len(step)), np.minimum(step, plan.shape[1] - 1)]
+        wanted, damping = self.damper.act(observed, observed.inputs, wanted, damping)
+        return self.action_to(wanted, observed.inputs), PathMemory(plan, step + 1, damping)
 
-    def _planned(self, observation: Any, index: np.ndarray) -> np.ndarray:
-        """Lengths after each step of the environments at `index`, shape (m, steps, 2) [m]."""
-        plan = self._laid_out(observation, index)
-        if self.pace != "shaped":
-            return plan
-        return self._shaped({key: np.asarray(value)[index] for key, value in observation.items()}, plan)
-
-    def _smooth(self, path: np.ndarray) -> np.ndarray:
-        return super()._smooth(path) if self.pace == "smooth" else path[:, 1:]
-
-    def _shaped(self, observation: Any, plan: np.ndarray) -> np.ndarray:
+    def _shaped(self, observed: DecodedObservation, plan: np.ndarray) -> np.ndarray:
         """The plan, a quarter of it now, half of it half a period later, a quarter a period later; for each mode."""
         n, length, _ = plan.shape
-        observed = self.core.schema.decode(observation)
         _, _, branch = self.modes.read(observed, plan[:, -1])
         halves = self.damper.half_periods(plan[:, -1], branch)
         plan = np.concatenate([plan, np.repeat(plan[:, -1:], 50, axis=1)], axis=1)
@@ -104,33 +93,36 @@ class FourBarWay(Ramp):
         return plan
 
 
-class FourBarFeedback(FourBarWay):
-    """The pseudo-inverse controller of the planar 4-bar, slowed down not to drive the vibration, and damped."""
+class FeedbackMemory(NamedTuple):
+    """What a damped feedback carries: the memory of damping (planned lengths included) and of the base controller."""
+
+    damping: DampingMemory
+    base: Any
+
+
+class DampedFeedback(_Lengths[FeedbackMemory]):
+    """The pseudo-inverse controller of the planar 4-bar, slowed down not to drive the vibration, and damped.
+
+    Args:
+        core: of the environment.
+        base: makes the pseudo-inverse controller.
+        damped: whether deviations calm the mechanism.
+    """
 
     slowed = 0.15
 
-    def __init__(self, core: Core, base: Any, damped: bool = True) -> None:
-        super().__init__(core, base, "full", damped)
+    def __init__(self, core: Core, base: Base, damped: bool = True) -> None:
+        super().__init__(core, base, "slowed down", damped)
         self.base.gain *= self.slowed
         self.base.patience = int(self.base.patience / self.slowed)
-        self.knows = f"{self.base.knows}; slowed down{', active damping' if damped else ''}"
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Actions (n, 2) for a batch of n observations."""
-        observed = self.core.schema.decode(observation)
-        n = len(observed)
-        fresh = beginning(n, state, episode_start)
-        damping, base = (None, None) if state is None else state
-        damping = renewed(fresh, self.damper.begin(observed.inputs), damping)
-        inputs = damping.lengths
-        imagined = self.core.schema.with_values(observation, "inputs", inputs)
-        action, base = self.base.predict(imagined, base, fresh, deterministic=True)
-        wanted = np.clip(inputs + self.rate * action, self.low, self.high)
-        if self.is_damped:
-            commanded, damping = self.damper.act(observed, observed.inputs, wanted, damping)
-        else:
-            commanded, damping = wanted, damping._replace(lengths=wanted)
-        step = np.clip(commanded, self.low, self.high) - observed.inputs
-        return np.clip(step / self.rate, -1.0, 1.0), (damping, base)
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> FeedbackMemory:
+        """See `AnalyticController.initial`."""
+        return FeedbackMemory(self.damper.begin(observed.inputs), self.base.initial(observed, index))
+
+    def _act(self, observed: DecodedObservation, memory: FeedbackMemory) -> tuple[np.ndarray, FeedbackMemory]:
+        planned = memory.damping.lengths
+        action, base = self.base.act(self.base.decode(self.with_inputs(observed, planned)), memory.base)
+        wanted = np.clip(planned + self.rate * action, self.low, self.high)
+        commanded, damping = self.damper.act(observed, observed.inputs, wanted, memory.damping)
+        return self.action_to(commanded, observed.inputs), FeedbackMemory(damping, base)

@@ -1,10 +1,10 @@
 """What the nominal planar 4-bar mechanism tells an agent about an episode under an unknown force."""
 
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import renewed
+from tensegrity_agents.controllers.base import Observation, with_rows
 from tensegrity_agents.controllers.planar_four_bar.hints import Hints
 from tensegrity_agents.controllers.planar_four_bar.planning import ends, trips
 from tensegrity_agents.controllers.planar_four_bar.reading import (
@@ -46,7 +46,9 @@ class LoadedHints(Hints):
 
     size = 15
 
-    def __call__(self, observation: Any, memory: Memory | None, begins: np.ndarray) -> tuple[np.ndarray, Memory]:
+    def __call__(
+        self, observation: Observation, memory: Memory | None, begins: np.ndarray
+    ) -> tuple[np.ndarray, Memory]:
         """What is told.
 
         Args:
@@ -61,7 +63,8 @@ class LoadedHints(Hints):
         """
         observed = self.core.schema.decode(observation)
         here, push = side(self.nominal, observed), force_across(self.nominal, observed)
-        n = len(here)
+        new = np.flatnonzero(begins)
+        n = len(new)
         nothing = Memory(
             np.zeros((n, 2, 2)),
             np.zeros((n, 2)),
@@ -69,7 +72,7 @@ class LoadedHints(Hints):
             np.full((n, _PLACES, 2), np.inf),
             np.zeros((n, _PLACES)),
         )
-        before = renewed(begins, nothing, memory)
+        before = with_rows(memory, new, nothing)
         information, evidence = with_posture(before.information, before.evidence, *push)
         load = identified(self.nominal, information, evidence)
         force = float(self.nominal.largest_force)

@@ -1,4 +1,4 @@
-"""The analytic controllers that reach with the planar 4-bar mechanism, and what each of them knows.
+"""The analytic controllers that reach with the planar 4-bar mechanism, and the information set of each.
 
 [Ji2014] has no controller. The closed form is the inverse kinematics; under a force the mechanism yields across bar CF,
 and can snap to its other side: observer and oracle plan with that.
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController, Privileged, beginning, renewed
+from tensegrity_agents.controllers.base import AnalyticController
 from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, way_points
 from tensegrity_agents.controllers.planar_four_bar.reading import (
     NOTICEABLE,
@@ -19,7 +19,7 @@ from tensegrity_agents.controllers.planar_four_bar.reading import (
     side,
     with_posture,
 )
-from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBarDesign
+from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.observation import DecodedObservation
 
 
@@ -27,17 +27,17 @@ class Memory(NamedTuple):
     """What a controller carries from step to step, for n environments.
 
     Attributes:
-        way: actuator lengths to visit one after another, shape (n, LEGS, 2) [m].
+        path: actuator lengths to visit one after another, shape (n, LEGS, 2) [m].
         leg: which of them is next, shape (n,).
         step: of the episode, shape (n,).
         information: see `reading.with_posture`, (n, 2, 2).
         evidence: see `reading.with_posture`, (n, 2) [N].
-        load: with which the way was planned, (n, 2) [N].
+        load: with which the path was planned, (n, 2) [N].
         least: distance of the tip from the target since the last new start, (n,) [m].
         waited: steps in which it did not fall, (n,).
     """
 
-    way: np.ndarray
+    path: np.ndarray
     leg: np.ndarray
     step: np.ndarray
     information: np.ndarray
@@ -47,26 +47,14 @@ class Memory(NamedTuple):
     waited: np.ndarray
 
 
-def _nothing(lengths: np.ndarray) -> Memory:
-    n = len(lengths)
-    return Memory(
-        np.repeat(lengths[:, None], LEGS, axis=1),
-        np.zeros(n, int),
-        np.zeros(n, int),
-        np.zeros((n, 2, 2)),
-        np.zeros((n, 2)),
-        np.full((n, 2), np.nan),
-        np.full(n, np.inf),
-        np.zeros(n, int),
-    )
-
-
-class ReachController(AnalyticController):
-    """Follows a way of actuator lengths. Subclasses say how it is planned.
+class ReachController(AnalyticController[Memory]):
+    """Follows a path of actuator lengths. Subclasses say how it is planned.
 
     Args:
         core: of the environment.
     """
+
+    nominal: PlanarFourBar
 
     def _take(self, design: PlanarFourBarDesign) -> None:
         super()._take(design)
@@ -77,19 +65,26 @@ class ReachController(AnalyticController):
         pairs = np.stack([np.repeat(points[:24], 24, axis=0), np.tile(points[:24], (24, 1))], axis=1)
         self.table = np.concatenate([np.repeat(points[:, None], 2, axis=1), pairs[::3]])
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Memory]:
-        """Actions (n, 2) for a batch of n observations."""
-        observed = self.core.schema.decode(observation)
-        n = len(observed.tip)
-        fresh = beginning(n, state, episode_start)
-        memory = renewed(fresh, _nothing(observed.actuator_lengths), state)
-        action, memory = self._act(observed, memory)
-        return np.clip(action, -1.0, 1.0), memory._replace(step=memory.step + 1)
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
+        """See `AnalyticController.initial`."""
+        n = len(index)
+        return Memory(
+            np.repeat(observed.actuator_lengths[:, None], LEGS, axis=1),
+            np.zeros(n, int),
+            np.zeros(n, int),
+            np.zeros((n, 2, 2)),
+            np.zeros((n, 2)),
+            np.full((n, 2), np.nan),
+            np.full(n, np.inf),
+            np.zeros(n, int),
+        )
 
     def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
-        """Actions, and what to remember."""
+        action, memory = self._move(observed, memory)
+        return action, memory._replace(step=memory.step + 1)
+
+    def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """Actions (n, 2), and what to remember."""
         return self._along(observed, self._planned(observed, memory, np.flatnonzero(memory.step == 0)))
 
     def _load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
@@ -97,37 +92,37 @@ class ReachController(AnalyticController):
         return np.zeros_like(observed.tip)
 
     def _planned(self, observed: DecodedObservation, memory: Memory, index: np.ndarray) -> Memory:
-        """With new ways for the environments at `index`."""
+        """The memory with new paths for the environments at `index`."""
         if not len(index):
             return memory
         part, load = observed.take(index), self._load(observed, memory)[index]
         q = configuration(self.nominal, part)
         tolerance = self.core.task.tolerance / 2
-        way, leads = plan(
+        path, leads = plan(
             self.nominal, q, part.actuator_lengths, part.target, load, self.table, self.rate, self.bounds, tolerance
         )
-        old = memory.way[index]
-        known = np.isfinite(memory.load[index, 0])
-        memory.way[index] = np.where((leads | ~known)[:, None, None], way, old)  # an old way is better than none
-        memory.leg[index] = np.where(leads | ~known, 0, memory.leg[index])
-        memory.load[index] = load
-        return memory
+        better = leads | ~np.isfinite(memory.load[index, 0])  # an old path is better than none
+        paths, legs, loads = memory.path.copy(), memory.leg.copy(), memory.load.copy()
+        paths[index] = np.where(better[:, None, None], path, paths[index])
+        legs[index] = np.where(better, 0, legs[index])
+        loads[index] = load
+        return memory._replace(path=paths, leg=legs, load=loads)
 
     def _stranded(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
-        """Whether the way has ended away from the target, shape (n,)."""
-        away = np.hypot(*(observed.target - observed.tip).T) > self.core.task.tolerance
-        arrived = np.abs(memory.way[:, -1] - observed.actuator_lengths).max(axis=1) < 1e-4 * self.rate
-        return np.asarray(away & arrived & (memory.step < 90))
+        """Whether the path has ended off the target, shape (n,)."""
+        off = np.hypot(*(observed.target - observed.tip).T) > self.core.task.tolerance
+        arrived = np.abs(memory.path[:, -1] - observed.actuator_lengths).max(axis=1) < 1e-4 * self.rate
+        return np.asarray(off & arrived & (memory.step < 90))
 
     def _along(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         rows = np.arange(len(memory.leg))
         leg = memory.leg
         for _ in range(LEGS):
-            gap = memory.way[rows, leg] - observed.actuator_lengths
-            leg = np.where((np.abs(gap).max(axis=1) < 1e-4 * self.rate) & (leg < LEGS - 1), leg + 1, leg)
-        gap = memory.way[rows, leg] - observed.actuator_lengths
-        share = np.maximum(np.abs(gap).max(axis=1, keepdims=True) / self.rate, 1.0)
-        return gap / share / self.rate, memory._replace(leg=leg)
+            change = memory.path[rows, leg] - observed.actuator_lengths
+            leg = np.where((np.abs(change).max(axis=1) < 1e-4 * self.rate) & (leg < LEGS - 1), leg + 1, leg)
+        change = memory.path[rows, leg] - observed.actuator_lengths
+        share = np.maximum(np.abs(change).max(axis=1, keepdims=True) / self.rate, 1.0)
+        return change / share / self.rate, memory._replace(leg=leg)
 
 
 class ClosedFormIK(ReachController):
@@ -154,14 +149,14 @@ class PseudoInverse(ReachController):
     apart = 0.2  # so different the next lengths are, in L
     turns = np.deg2rad([0.0, 40.0, -40.0, 80.0, -80.0, 120.0, -120.0, 160.0, -160.0, 180.0])
 
-    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         lengths, here = observed.actuator_lengths, side(self.nominal, observed)
         error = observed.target - observed.tip
         memory = self._watch(observed, np.hypot(*error.T), here, memory)
         crossing = memory.leg > 0
         step = np.where(
             crossing[:, None],
-            memory.way[:, 0] - lengths,
+            memory.path[:, 0] - lengths,
             resolved_rate(self.nominal, lengths, here, self.gain * error, self.damping),
         )
         step = step / np.maximum(np.abs(step).max(axis=1, keepdims=True) / self.rate, 1.0)
@@ -185,7 +180,7 @@ class PseudoInverse(ReachController):
         progress = (distance < 0.98 * memory.least) | (distance <= self.core.task.tolerance)
         waited = np.where(progress, 0, memory.waited + 1)
         crossing = memory.leg > 0
-        there = np.abs(memory.way[:, 0] - observed.actuator_lengths).max(axis=1) < 0.2 * self.rate
+        there = np.abs(memory.path[:, 0] - observed.actuator_lengths).max(axis=1) < 0.2 * self.rate
         tired = crossing & (waited > 40)
         stuck = ~crossing & (waited > self.patience)
         if stuck.any():
@@ -193,11 +188,13 @@ class PseudoInverse(ReachController):
             table = self.table[:40, 0]
             tips = [np.stack(self.nominal.rectangle(tuple(table.T), sign)[1], axis=1) for sign in (1.0, -1.0)]
             on_side = np.where(here[:, None, None] > 0, tips[0], tips[1])
-            away = np.linalg.norm(observed.target[:, None] - on_side, axis=2)
+            distance_to = np.linalg.norm(observed.target[:, None] - on_side, axis=2)
             near = np.abs(table - observed.actuator_lengths[:, None]).max(axis=2) < self.apart * l
-            visited = np.abs(table - memory.way[:, None, 0]).max(axis=2) < self.apart * l
-            choice = np.where(near | visited, np.inf, away).argmin(axis=1)
-            memory.way[stuck] = table[choice[stuck]][:, None]
+            visited = np.abs(table - memory.path[:, None, 0]).max(axis=2) < self.apart * l
+            choice = np.where(near | visited, np.inf, distance_to).argmin(axis=1)
+            path = memory.path.copy()
+            path[stuck] = table[choice[stuck]][:, None]
+            memory = memory._replace(path=path)
         crossing = (crossing | stuck) & ~there & ~tired
         changed = crossing != (memory.leg > 0)
         return memory._replace(
@@ -214,13 +211,13 @@ class Observer(ReachController):
     two postures reveal all of the force, by least squares.
     """
 
-    knows = "the nominal design; identifies the force from tip and lengths, checks that the way is stable"
+    knows = "the nominal design; identifies the force from tip and lengths, checks that the path is stable"
     first_step = 0.5  # as a share of the largest
 
     def _load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
         return identified(self.nominal, memory.information, memory.evidence)
 
-    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         known = with_posture(memory.information, memory.evidence, *force_across(self.nominal, observed))
         memory = memory._replace(information=known[0], evidence=known[1])
         changed = np.hypot(*(self._load(observed, memory) - memory.load).T)
@@ -228,9 +225,9 @@ class Observer(ReachController):
         again = ~(changed < noticeable) | self._stranded(observed, memory)  # NaN: never planned
         first = memory.step == 0
         action, memory = self._along(observed, self._planned(observed, memory, np.flatnonzero(again & ~first)))
-        begun = np.flatnonzero(first)
-        if len(begun):
-            action[begun] = self._safest(observed.take(begun), self._load(observed, memory)[begun])
+        beginning = np.flatnonzero(first)
+        if len(beginning):
+            action[beginning] = self._safest(observed.take(beginning), self._load(observed, memory)[beginning])
         return action, memory
 
     def _safest(self, observed: DecodedObservation, load: np.ndarray) -> np.ndarray:
@@ -244,18 +241,15 @@ class Observer(ReachController):
         return np.asarray(actions[margin.reshape(n, 8).argmax(axis=1)])
 
 
-class Oracle(Privileged, ReachController):
-    """Told the true force."""
+class Oracle(ReachController):
+    """Is given the true force."""
 
-    knows = "the true force; plans ways along which the mechanism does not snap"
+    wants_privileged = True
+    knows = "the true force; plans paths along which the mechanism does not snap"
 
-    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         again = (memory.step == 0) | self._stranded(observed, memory)
         return self._along(observed, self._planned(observed, memory, np.flatnonzero(again)))
 
     def _load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
-        assert self.privileged is not None
-        load = np.empty_like(observed.tip)
-        for axis, force in enumerate(self.privileged.load):
-            load[:, axis] = force
-        return load
+        return self.true_load(np.arange(len(observed.tip)))

@@ -3,20 +3,30 @@
 All plan lengths; `Damping` then adds small deviations that calm the platform.
 """
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import beginning, renewed
-from tensegrity_agents.controllers.dynamic import ADDS, Pace
-from tensegrity_agents.controllers.fixed_length_damping import Damping
+from tensegrity_agents.controllers.dynamic import ADDS, Adapted, Base, Pace
+from tensegrity_agents.controllers.fixed_length_damping import Damping, DampingMemory
 from tensegrity_agents.controllers.spatial_prism.modes import PrismModes
-from tensegrity_agents.controllers.spatial_prism.reading import read
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
 
-class PrismWay:
+class Memory(NamedTuple):
+    """What a controller carries from step to step.
+
+    Attributes:
+        step: of the episode, shape (n,).
+        damping: see `DampingMemory`.
+    """
+
+    step: np.ndarray
+    damping: DampingMemory
+
+
+class CurveTracking(Adapted[Memory]):
     """A quasi-static controller of the spatial prism that follows the curve, shaped or not, damped or not.
 
     Args:
@@ -25,57 +35,51 @@ class PrismWay:
         pace: "full", or "shaped": a quarter each of the goals now and in two steps, half of the one in a step. The
             curve is known ahead, so that shaping does not delay.
         damped: whether deviations calm the platform.
+        adds: see `dynamic.Adapted`; by default the pace.
     """
 
-    def __init__(self, core: Core, base: Any, pace: Pace = "full", damped: bool = True) -> None:
-        self.core, self.base, self.pace, self.is_damped = core, base(core), pace, damped
-        self.knows = f"{self.base.knows}; {ADDS[pace]}{', active damping' if damped else ''}"
-        self.wants_privileged = getattr(self.base, "wants_privileged", False)
-        simulation: Any = core.simulation
-        self.rate = float(simulation.rate)
-        self.low, self.high = simulation.bounds(core.nominal)
-        self.damper = Damping(core, PrismModes(core))
+    def __init__(
+        self, core: Core, base: Base, pace: Pace = "full", damped: bool = True, adds: str | None = None
+    ) -> None:
+        super().__init__(core, base, f"{adds or ADDS[pace]}{', active damping' if damped else ''}")
+        self.pace = pace
+        self.damper = Damping(core, PrismModes(core), damped)
 
-    def begin_episodes(self, mask: np.ndarray, design: Any, privileged: Any = None) -> None:
-        """Hand over what the quasi-static controller asks for."""
-        self.base.begin_episodes(mask, design, privileged)
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
+        """See `AnalyticController.initial`."""
+        return Memory(np.zeros(len(index), int), self.damper.begin(observed.lengths))
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Actions (n, 3) for a batch of n observations."""
-        observed = read(observation, self.core)
-        n = len(observed.tip)
-        fresh = beginning(n, state, episode_start)
-        damping, step = (None, np.zeros(n, int)) if state is None else state
-        damping, step = renewed(fresh, self.damper.begin(observed.lengths), damping), np.where(fresh, 0, step)
-        commanded = planned = self.planned(observed, step, damping.lengths)
-        if self.is_damped:
-            commanded, damping = self.damper.act(observed, observed.lengths, planned, damping)
-        else:
-            damping = damping._replace(lengths=planned)
-        action = np.clip((np.clip(commanded, self.low, self.high) - observed.lengths) / self.rate, -1.0, 1.0)
-        return action, (damping, step + 1)
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        planned = self.planned(observed, memory)
+        commanded, damping = self.damper.act(observed, observed.lengths, planned, memory.damping)
+        return self.action_to(commanded, observed.lengths), Memory(memory.step + 1, damping)
 
-    def planned(self, observed: DecodedObservation, step: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Lengths after this step, shape (n, 3) [m]; `before` those planned a step ago."""
+    def planned(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
+        """Lengths after this step, shape (n, 3) [m]."""
         if self.pace == "full":
-            return np.asarray(self.base._lengths(observed, step))
+            return np.asarray(self.base.lengths(observed, memory.step))
         later = observed.tip + observed.goal_in_2
         goals = ((0.25, observed.target), (0.5, observed.next_goal), (0.25, later))
-        return np.asarray(sum(w * self.base._lengths(observed.replace(next_goal=goal), step) for w, goal in goals))
+        lengths = [weight * self.base.lengths(observed.replace(next_goal=goal), memory.step) for weight, goal in goals]
+        return np.asarray(sum(lengths))
 
 
-class PrismFeedback(PrismWay):
-    """Resolved rate: the goal's own step, and a share of the way from the measured position to the goal."""
+class TrackingFeedback(CurveTracking):
+    """Resolved rate: the goal's own step, and a share of the distance from the measured position to the goal.
+
+    Args:
+        core: of the environment.
+        base: makes the quasi-static controller.
+        damped: whether deviations calm the platform.
+    """
 
     slowed = 0.15
 
-    def __init__(self, core: Core, base: Any, damped: bool = True) -> None:
-        super().__init__(core, base, "full", damped)
-        self.knows = f"{self.base.knows}; slowed down{', active damping' if damped else ''}"
+    def __init__(self, core: Core, base: Base, damped: bool = True) -> None:
+        super().__init__(core, base, "full", damped, "slowed down")
 
-    def planned(self, observed: DecodedObservation, step: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """See `PrismWay.planned`."""
-        way = observed.next_goal - observed.target + self.slowed * (observed.target - observed.tip)
-        return np.asarray(self.base._lengths(observed.replace(lengths=before, next_goal=observed.tip + way), step))
+    def planned(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
+        """See `CurveTracking.planned`."""
+        wanted = observed.next_goal - observed.target + self.slowed * (observed.target - observed.tip)
+        imagined = observed.replace(lengths=memory.damping.lengths, next_goal=observed.tip + wanted)
+        return np.asarray(self.base.lengths(imagined, memory.step))

@@ -1,10 +1,11 @@
-"""The analytic controllers that follow a curve with the spatial prism, and what each of them knows."""
+"""The analytic controllers that follow a curve with the spatial prism, and the information set of each."""
 
-from typing import Any
+from abc import abstractmethod
+from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController, Privileged
+from tensegrity_agents.controllers.base import AnalyticController, Observation
 from tensegrity_agents.controllers.spatial_prism.identification import identify
 from tensegrity_agents.controllers.spatial_prism.reading import read
 from tensegrity_envs.compiler.kernel import evaluate
@@ -13,27 +14,40 @@ from tensegrity_envs.mechanics.spatial_prism import SpatialPrism, SpatialPrismDe
 from tensegrity_envs.observation import DecodedObservation
 
 
-class TrackController(AnalyticController):
+class Memory(NamedTuple):
+    """What a controller carries from step to step.
+
+    Attributes:
+        step: of the episode, shape (n,).
+    """
+
+    step: np.ndarray
+
+
+class TrackController(AnalyticController[Memory]):
     """Sets the lengths at which the platform will be on the goal one step ahead. Subclasses say which those are.
 
     Args:
         core: of the environment.
     """
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Actions (n, 3) for a batch of n observations; the state is the number of steps made, (n,)."""
-        observed = read(observation, self.core)
-        step = np.zeros(len(observed.tip), int) if state is None else np.asarray(state)
-        if episode_start is not None:
-            step = np.where(np.asarray(episode_start, bool), 0, step)
-        wanted = self._lengths(observed, step)
-        return np.clip((wanted - observed.lengths) / self.rate, -1.0, 1.0), step + 1
+    nominal: SpatialPrism
 
-    def _lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
+    def decode(self, observation: Observation) -> DecodedObservation:
+        """See `AnalyticController.decode`."""
+        return read(observation, self.core)
+
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
+        """See `AnalyticController.initial`."""
+        return Memory(np.zeros(len(index), int))
+
+    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        wanted = self.lengths(observed, memory.step)
+        return (wanted - observed.lengths) / self.rate, Memory(memory.step + 1)
+
+    @abstractmethod
+    def lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
         """Lengths of the struts after the step, shape (n, 3) [m]."""
-        raise NotImplementedError
 
 
 class ClosedFormIK(TrackController):
@@ -41,22 +55,24 @@ class ClosedFormIK(TrackController):
 
     knows = "the nominal design; unloaded closed-form inverse kinematics, no feedback"
 
-    def _lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
+    def lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
+        """See `TrackController.lengths`."""
         return np.stack(self.nominal.inverse_kinematics(tuple(observed.next_goal.T)), axis=1)
 
 
 class PseudoInverse(TrackController):
-    """Resolved rate: length steps by the unloaded Jacobian for the way from the measured position to the next goal.
+    """Resolved rate: length steps by the unloaded Jacobian from the measured position to the next goal.
 
     The Jacobian is square: its inverse maps lengths to positions, so no inversion is needed here.
     """
 
     knows = "the nominal design; feedback of the measured position"
 
-    def _lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
-        way = observed.next_goal - observed.tip
+    def lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
+        """See `TrackController.lengths`."""
+        ahead = observed.next_goal - observed.tip
         rows = self.nominal.jacobian(tuple(observed.tip.T))
-        change = [sum(entry * part for entry, part in zip(row, way.T, strict=True)) for row in rows]
+        change = [sum(entry * part for entry, part in zip(row, ahead.T, strict=True)) for row in rows]
         return np.asarray(observed.lengths + np.stack(change, axis=1))
 
 
@@ -69,20 +85,21 @@ class Observer(TrackController):
         """The weight that will act after the step, shape (n,) [N]."""
         return identify(self.nominal, observed.tip, observed.lengths)
 
-    def _lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
+    def lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
+        """See `TrackController.lengths`."""
         goal = tuple(np.ascontiguousarray(observed.next_goal.T))
         lengths = evaluate(_held, self.nominal.design, goal, self._weight(observed, step))
         return np.stack(lengths, axis=1)
 
 
-class Oracle(Privileged, Observer):
-    """Told the true payload and when it comes."""
+class Oracle(Observer):
+    """Is given the true payload and the moment when it comes."""
 
+    wants_privileged = True
     knows = "the true payload and its moment; loaded inverse kinematics"
 
     def _weight(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
-        assert self.privileged is not None
-        load = self.privileged.load_at(step + 1.0)
+        load = self.truth.load_at(step + 1.0)
         weight: np.ndarray = np.asarray(-load[2] if load else np.zeros(step.shape), float)
         return weight
 

@@ -1,20 +1,19 @@
-"""The analytic controllers of the literature, and what each of them knows."""
+"""The analytic controllers that reach with the 2-X manipulator, and the information set of each."""
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import Privileged, beginning
+from tensegrity_agents.controllers.base import AnalyticController, ragged
 from tensegrity_agents.controllers.two_x.planning import choose_solution, plan
 from tensegrity_agents.controllers.two_x.reading import configuration_from_tip, estimate_payload
 from tensegrity_agents.controllers.two_x.tracking import joint_action, tension_action
 from tensegrity_envs.core import Core
-from tensegrity_envs.mechanics import TwoX, TwoXDesign
+from tensegrity_envs.mechanics import TwoX
 from tensegrity_envs.observation import DecodedObservation
-from tensegrity_envs.simulation import Episode
 
-_ARRIVED = 1e-3  # [rad] from a way point to the next
+_ARRIVED = 1e-3  # [rad] from a waypoint to the next
 
 
 class Memory(NamedTuple):
@@ -25,108 +24,79 @@ class Memory(NamedTuple):
         commanded: that the last command aimed at, (n, 2) [rad].
         payload: believed, (n,) [kg].
         integral: of the tip error, (n, 2) [m].
-        paths: way points (k, 2) still to be visited, of each environment.
+        path: joint path of each environment, an object array (n,) of waypoints (k, 2) [rad].
+        leg: number of the next waypoint, (n,).
     """
 
     configuration: np.ndarray
     commanded: np.ndarray
     payload: np.ndarray
     integral: np.ndarray
-    paths: list[np.ndarray]
+    path: np.ndarray
+    leg: np.ndarray
 
 
-class AnalyticController:
-    """Reads the observation, remembers what it needs, acts. Subclasses say what to believe and where to go.
+class ReachController(AnalyticController[Memory]):
+    """Believes something about arm and payload, plans a joint path when an episode begins, and goes along it.
+
+    Subclasses say what to believe and where to go.
 
     Args:
         core: of the environment.
     """
 
-    wants_privileged = False
-    knows = ""
+    nominal: TwoX
 
     def __init__(self, core: Core) -> None:
+        super().__init__(core)
         self.control = core.control
-        self.schema = core.schema
-        self.nominal: TwoX | None = None
-        self.privileged: Episode | None = None
 
-    def begin_episodes(self, mask: np.ndarray, design: TwoXDesign, privileged: Episode | None = None) -> None:
-        """Take the nominal design and, if this controller asks for it, the true episodes."""
-        self.nominal = TwoX(design)
-        self.privileged = privileged
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
+        """See `AnalyticController.initial`."""
+        configuration, commanded, payload = self._believed(observed, index)
+        paths = self._paths(self._arm(payload), commanded, observed)
+        n = len(index)
+        return Memory(configuration, commanded, payload, np.zeros((n, 2)), ragged(paths), np.zeros(n, int))
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Memory]:
-        """Actions (n, size) for a batch of n observations."""
-        if self.nominal is None:
-            raise RuntimeError(f"{type(self).__name__}: call begin_episodes(mask, design) before predict")
-        observed = self.schema.decode(observation)
-        n = len(observed)
-        fresh = beginning(n, state, episode_start)
-        memory = self._perceive(observed, state, fresh)
-        if fresh.any():
-            index = np.flatnonzero(fresh)
-            part = observed.take(index)
-            for i, path in zip(
-                index, self._paths(self._believed(memory, index), memory.commanded[index], part), strict=True
-            ):
-                memory.paths[i] = path
-        return self._act(observed, memory)
-
-    def _perceive(self, observed: DecodedObservation, memory: Memory | None, fresh: np.ndarray) -> Memory:
-        """Configuration and payload as this controller believes them to be."""
-        assert self.nominal is not None
-        n = len(fresh)
+    def _believed(self, observed: DecodedObservation, index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Configuration, configuration that the present inputs stand for, and payload, when an episode begins."""
         q = configuration_from_tip(self.nominal, observed, None)
-        begun = q
-        if self.control == "tension" and fresh.any():
+        commanded = q
+        if self.control == "tension":
             # The command that the tensions stand for: where the nominal arm would be under them.
             rest = self.nominal.equilibrium(tuple(observed.tensions.T), tuple(q.T))
-            begun = np.where(np.asarray(rest.is_stable)[:, None], np.stack(rest.configuration, axis=1), q)
-        if memory is None:
-            payload = np.full(n, float(self.nominal.design.payload))
-            return Memory(q, begun, payload, np.zeros((n, 2)), [np.zeros((0, 2))] * n)
-        if "joint_angles" not in observed:
-            q = np.where(fresh[:, None], q, configuration_from_tip(self.nominal, observed, memory.configuration))
-        keep = ~fresh[:, None]
-        return memory._replace(
-            configuration=q,
-            commanded=np.where(keep, memory.commanded, begun),
-            integral=np.where(keep, memory.integral, 0.0),
-        )
+            commanded = np.where(np.asarray(rest.is_stable)[:, None], np.stack(rest.configuration, axis=1), q)
+        return q, commanded, np.full(len(index), float(self.nominal.design.payload))
 
-    def _believed(self, memory: Memory, index: np.ndarray | None = None) -> TwoX:
+    def _arm(self, payload: np.ndarray) -> TwoX:
         """The arm as this controller believes it to be."""
-        assert self.nominal is not None
         return self.nominal
 
     def _paths(self, model: TwoX, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
-        """Way points for the episodes that begin: the chosen inverse solution."""
+        """Waypoints (k, 2) for the episodes that begin: the chosen inverse solution."""
         goal, _ = choose_solution(model, start, observed.target)
         return [point[None] for point in goal]
 
-    def _goals(self, here: np.ndarray, memory: Memory) -> np.ndarray:
-        """The next way point of each environment; those already visited are dropped."""
-        goals = here.copy()
-        for i, path in enumerate(memory.paths):
-            while len(path) > 1 and np.abs(path[0] - here[i]).max() < _ARRIVED:
-                path = path[1:]  # noqa: PLW2901
-            memory.paths[i] = path
-            if len(path):
-                goals[i] = path[0]
-        return goals
-
     def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        configuration = configuration_from_tip(self.nominal, observed, memory.configuration)
+        return self._move(observed, memory._replace(configuration=configuration))
+
+    def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """Actions along the path, and what to remember."""
+        here = memory.configuration if self.control == "joint" else memory.commanded
+        leg = memory.leg.copy()
+        for i, path in enumerate(memory.path):
+            while leg[i] < len(path) - 1 and np.abs(path[leg[i]] - here[i]).max() < _ARRIVED:
+                leg[i] += 1
+        goal = np.stack([path[k] for path, k in zip(memory.path, leg, strict=True)])
+        memory = memory._replace(leg=leg)
         if self.control == "joint":
-            return joint_action(memory.configuration, self._goals(memory.configuration, memory)), memory
-        goals = self._goals(memory.commanded, memory)
-        action, commanded = tension_action(self._believed(memory), memory.commanded, goals, observed.tensions)
+            return joint_action(here, goal), memory
+        action, commanded = tension_action(self._arm(memory.payload), here, goal, observed.tensions)
         return action, memory._replace(commanded=commanded)
 
 
-class ClosedFormIK(AnalyticController):
+class ClosedFormIK(ReachController):
     """All inverse solutions in closed form; the one whose straight joint path stays feasible and is shortest; then
     straight there.
 
@@ -136,7 +106,7 @@ class ClosedFormIK(AnalyticController):
     knows = "the nominal design; plans once, no feedback"
 
 
-class PseudoInverse(AnalyticController):
+class PseudoInverse(ReachController):
     """Resolved rate: joint steps from the damped pseudo-inverse of the Jacobian, with feedback and integral action
     on the tip error.
 
@@ -150,10 +120,9 @@ class PseudoInverse(AnalyticController):
     damping = 0.02  # [m/rad]
 
     def _paths(self, model: TwoX, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
-        return [np.zeros((0, 2))] * len(start)
+        return [point[None] for point in start]  # it follows none
 
-    def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
-        assert self.nominal is not None
+    def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         error = observed.target - observed.tip
         # Conditional integration: only close to the target, where the integral is to remove what is left.
         close = np.hypot(*error.T)[:, None] < 0.05
@@ -175,45 +144,29 @@ class PseudoInverse(AnalyticController):
         return action, memory._replace(commanded=commanded)
 
 
-class Observer(AnalyticController):
+class Observer(ReachController):
     """Solves payload and configuration from tip and tensions, then the closed form for that payload."""
 
     knows = "the nominal design; identifies the payload from tip and tensions"
 
-    def _perceive(self, observed: DecodedObservation, memory: Memory | None, fresh: np.ndarray) -> Memory:
-        assert self.nominal is not None
-        believed = super()._perceive(observed, memory, fresh)
-        if not fresh.any():  # the payload is constant within an episode
-            return believed
-        first = estimate_payload(self.nominal, observed)
-        if memory is None:
-            return believed._replace(
-                configuration=first.configuration, commanded=first.configuration, payload=first.payload
-            )
-        new = fresh[:, None]
-        return believed._replace(
-            configuration=np.where(new, first.configuration, believed.configuration),
-            commanded=np.where(new, first.configuration, believed.commanded),
-            payload=np.where(fresh, first.payload, believed.payload),
-        )
+    def _believed(self, observed: DecodedObservation, index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        estimate = estimate_payload(self.nominal, observed)
+        return estimate.configuration, estimate.configuration, estimate.payload
 
-    def _believed(self, memory: Memory, index: np.ndarray | None = None) -> TwoX:
-        assert self.nominal is not None
-        payload = memory.payload if index is None else memory.payload[index]
+    def _arm(self, payload: np.ndarray) -> TwoX:
         return TwoX(replace(self.nominal.design, payload=payload))
 
 
-class Oracle(Privileged, Observer):
-    """Told the true payload; where no straight joint path is feasible, plans one around the gaps of the feasible
-    set.
-    """
+class Oracle(Observer):
+    """Is given the true payload; where no straight joint path is feasible, it plans one around what is infeasible."""
 
+    wants_privileged = True
     knows = "the true payload; plans paths inside the stable wrench-feasible set"
 
-    def _perceive(self, observed: DecodedObservation, memory: Memory | None, fresh: np.ndarray) -> Memory:
-        assert self.privileged is not None
-        told = np.broadcast_to(np.asarray(self.privileged.design.payload, float), fresh.shape)
-        return super()._perceive(observed, memory, fresh)._replace(payload=told)
+    def _believed(self, observed: DecodedObservation, index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        configuration, commanded, _ = super()._believed(observed, index)
+        payload = np.asarray(self.truth.design.payload, float)
+        return configuration, commanded, payload[index] if payload.ndim else np.full(len(index), payload)
 
     def _paths(self, model: TwoX, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
         goal, straight = choose_solution(model, start, observed.target)

@@ -10,8 +10,8 @@ _SHARES = np.array([1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1, 0.05, 0.0])
 
 def joint_action(here: np.ndarray, goal: np.ndarray) -> np.ndarray:
     """Straight towards `goal` (n, 2) [rad] as fast as the slower joint allows, exactly onto it in the last step."""
-    gap = goal - here
-    return np.asarray(gap / np.maximum(np.abs(gap).max(axis=1, keepdims=True), JointControl.rate))
+    change = goal - here
+    return np.asarray(change / np.maximum(np.abs(change).max(axis=1, keepdims=True), JointControl.rate))
 
 
 def tension_action(
@@ -30,16 +30,16 @@ def tension_action(
         they allow nothing (the cables are not yet at their stiffest), the tensions go straight there, along the line of
         equal moments, which does not move the arm.
     """
-    gap = goal - commanded
-    gap = gap / np.maximum(np.abs(gap).max(axis=1, keepdims=True) / JointControl.rate, 1.0)
+    change = goal - commanded
+    change = change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / JointControl.rate, 1.0)
     low, high = model.design.min_tension, model.design.max_tension
     # (shares, n): all candidates at once
-    ahead = commanded.T[:, None] + _SHARES[:, None] * gap.T[:, None]
+    ahead = commanded.T[:, None] + _SHARES[:, None] * change.T[:, None]
     wanted = np.clip(np.stack(model.stiffest_tensions(tuple(ahead))), low, high)
-    change = (wanted - tensions.T[:, None]) / TensionControl.rate
-    fits = np.abs(change).max(axis=0) <= 1.0
+    increments = (wanted - tensions.T[:, None]) / TensionControl.rate
+    fits = np.abs(increments).max(axis=0) <= 1.0
     first = np.where(fits.any(axis=0), fits.argmax(axis=0), len(_SHARES) - 1)
     rows = np.arange(len(commanded))
-    action = change[:, first, rows].T
+    action = increments[:, first, rows].T
     action = action / np.maximum(np.abs(action).max(axis=1, keepdims=True), 1.0)
     return action, ahead[:, first, rows].T
