@@ -45,14 +45,20 @@ def in_browser(tmp_path):
     def run(html, script, size=(1300, 1000)):
         page = tmp_path / "in_browser.html"
         write = "document.body.replaceChildren(); document.body.textContent = '<' + JSON.stringify(answer) + '>'"
-        code = f"<script>{{ const answer = (() => {{ {script} }})(); {write}; }}</script>"
-        page.write_text(html.replace("</body>", f"{code}</body>"))
+        code = (
+            f"try {{ answer = (() => {{ {script} }})(); }} catch (error) {{ answer = {{error: String(error.stack)}}; }}"
+        )
+        page.write_text(html.replace("</body>", f"<script>{{ let answer; {code} {write}; }}</script></body>"))
         command = [found, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000"]
         command += [f"--user-data-dir={tmp_path}/profile", f"--window-size={size[0]},{size[1]}", "--dump-dom"]
         done = subprocess.run([*command, f"file://{page}"], capture_output=True, text=True, check=True, timeout=120)
-        (answer,) = re.findall(r"&lt;(.*)&gt;</body>", done.stdout, re.DOTALL)
+        matches = re.findall(r"&lt;(.*)&gt;\s*</body>", done.stdout, re.DOTALL)
+        assert matches, done.stdout[-2000:] + done.stderr[-2000:]
+        (answer,) = matches
         for sign, text in (("<", "&lt;"), (">", "&gt;"), ("&", "&amp;")):
             answer = answer.replace(text, sign)
-        return json.loads(answer)
+        value = json.loads(answer)
+        assert not (isinstance(value, dict) and "error" in value), value["error"]
+        return value
 
     return run

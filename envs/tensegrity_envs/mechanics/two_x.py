@@ -803,6 +803,20 @@ class TwoX:
         sign = xp.where(u > 0, 1.0, xp.where(u < 0, -1.0, 0.0))
         return 2 * xp.atan2(-rr * dx * sign, rc * abs(u)), u, rc, rr
 
+    def through_anomaly(
+        self, x: Component, y: Component, psi: Component
+    ) -> tuple[tuple[Component, Component], Component, Component]:
+        """What the inverse kinematics looks for roots of, along the circle of joint 1's eccentric anomaly. Traceable.
+
+        Returns:
+            (alpha_1, alpha_2) [rad] with the tip at (x, y) [m] where the second result is 0; that result; and u, next
+            to whose zeros [m2] alpha_2 has another solution.
+        """
+        alpha1 = self._from_anomaly(psi)
+        dx, dy, dd = self._beyond_joint_1(x, y, alpha1)
+        alpha2, u, _, _ = self._second_angle(dx, dy, dd)
+        return (alpha1, alpha2), self._off_curve(dy, dd), u
+
     def _scanned(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Index of the target and alpha_1 of solutions, by even scans of the circle of alpha_1 and of its anomaly."""
         n = len(x)

@@ -316,22 +316,32 @@ class SpatialPrism:
         Returns:
             Configuration, lengths of the struts [m], and the moment that is left [N m]: look at it.
         """
-        k, place = self.design.k, tuple(position)
+        place = tuple(position)
         w: Components = (0.0, 0.0, 0.0)
-
-        def moment(w: Components) -> tuple[Pose, Components, Matrix, Components]:
-            pose = statics.pose_of(place, tuple(rotate(w, self.platform)), self.base)
-            rho, inverse = statics.densities(pose, k, tuple(force))
-            return pose, rho, inverse, statics.moment(pose, k, rho, (0.0, 0.0, 0.0))
-
         for _ in range(iterations):
-            pose, rho, inverse, left = moment(w)
-            slope = statics.moment_slope(pose, k, rho, inverse, False)
-            columns = [times(slope, column) for column in zip(*spin(w), strict=True)]
-            step, _ = inverse_of_columns(columns[0], columns[1], columns[2])
-            w = subtract(w, times(step, left))
-        pose, _, _, left = moment(w)
+            step, _ = self.holding_step(place, w, force)
+            w = subtract(w, step)
+        pose, _, _, left = self._held_moment(place, w, force)
         return (*place, *w), tuple(norm(strut) for strut in pose.struts), norm(left)
+
+    def holding_step(
+        self, position: Sequence[Component], w: Components, force: Sequence[Component]
+    ) -> tuple[Components, Components]:
+        """Newton's step of the rotation vector [rad], to be subtracted, of a platform that is held at a position under
+        a force, and the moment that is left before it [N m]. Traceable.
+        """
+        pose, rho, inverse, left = self._held_moment(tuple(position), w, force)
+        slope = statics.moment_slope(pose, self.design.k, rho, inverse, False)
+        columns = [times(slope, column) for column in zip(*spin(w), strict=True)]
+        step, _ = inverse_of_columns(columns[0], columns[1], columns[2])
+        return times(step, left), left
+
+    def _held_moment(
+        self, place: Components, w: Components, force: Sequence[Component]
+    ) -> tuple[Pose, Components, Matrix, Components]:
+        pose = statics.pose_of(place, tuple(rotate(w, self.platform)), self.base)
+        rho, inverse = statics.densities(pose, self.design.k, tuple(force))
+        return pose, rho, inverse, statics.moment(pose, self.design.k, rho, (0.0, 0.0, 0.0))
 
     def unloading_limit(
         self, lengths: Sequence[Any], direction: Sequence[Any], largest: float = 400.0, sheet: Any = 1
