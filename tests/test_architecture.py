@@ -18,6 +18,7 @@ LAYERS = [
     "simulation",
     "tasks",
     "observation",
+    "options",
     "core",
     "environments",
     "arms",

@@ -8,11 +8,11 @@ of one column, the vector shell of n; both run the same machine code.
 import hashlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -20,7 +20,9 @@ from gymnasium import spaces
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.compiler.pytree import Schema, is_row, tree_leaves
+from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.observation import Field, ObservationSchema
+from tensegrity_envs.options import OPTION_NAMES, Options, share_options
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.rendering import Scene, frame_around
 from tensegrity_envs.simulation.dynamic import Command, Drivable, DynamicControl, Motion
@@ -84,43 +86,13 @@ def _is_empty(info: Any) -> bool:
     return isinstance(info, Sequence | np.ndarray) and all(one is None or one == {} for one in info)
 
 
-def is_fully_observed(observe: str) -> bool:
-    """Whether `observe` asks for full observability: joint angles and margins, too.
-
-    Raises:
-        ValueError: `observe` is neither "full" nor "tip_and_inputs".
-    """
-    if observe not in ("full", "tip_and_inputs"):
-        raise ValueError(f"observe = {observe!r}: must be 'full' or 'tip_and_inputs'")
-    return observe == "full"
-
-
-def check_backend(backend: str) -> None:
-    """Refuse what is no backend.
-
-    Raises:
-        ValueError: there is no such backend.
-    """
-    if backend not in ("quasi_static", "mujoco"):
-        raise ValueError(f"backend = {backend!r}: must be 'quasi_static' or 'mujoco'")
-
-
-def scaled_tolerance(tolerance: float | None, published: float, size: Any, published_size: Any) -> float:
-    """The given tolerance, or else that of the published design, as much larger as this design is.
-
-    Args:
-        tolerance: given [m], or None.
-        published: tolerance of the published design [m].
-        size: of this design [m].
-        published_size: of the published one [m].
-    """
-    return published * float(size / published_size) if tolerance is None else tolerance
-
-
 class Core(ABC):
     """What the shells run. A subclass brings a mechanism, the way it is driven and drawn, and what is seen of it.
 
     Attributes:
+        published: the design that is taken where none is given.
+        shared: names of the options of `Options` that the constructor takes.
+        option_defaults: defaults of them that differ from those of `Options`.
         design: nominal, which controllers are told.
         nominal: the mechanism of that design.
         simulation: how actions move it.
@@ -142,6 +114,9 @@ class Core(ABC):
         engine: of the dynamic simulation; None in a quasi-static one.
     """
 
+    published: ClassVar[Any]
+    shared: ClassVar[tuple[str, ...]] = OPTION_NAMES
+    option_defaults: ClassVar[Mapping[str, Any]] = {}
     design: Any
     nominal: Any
     simulation: Simulation | DynamicControl
@@ -162,6 +137,11 @@ class Core(ABC):
     engine: "Engine | None" = None
     observation_space: spaces.Dict
     action_space: spaces.Box
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Show the shared options of a subclass in its signature and its help."""
+        super().__init_subclass__(**kwargs)
+        share_options(cls, cls.shared)
 
     def _made_on_use(self) -> dict[str, Any]:
         """Kernels, layouts and what else follows from the rest, as far as it has been made."""
@@ -253,31 +233,40 @@ class Core(ABC):
         self.observation_space = spaces.Dict({"observation": box, "achieved_goal": goal, "desired_goal": goal})
         self.action_space = spaces.Box(-1.0, 1.0, (self.simulation.action_size,), np.float32)
 
-    def set_simulation(
-        self,
-        control: Drivable,
-        backend: Literal["quasi_static", "mujoco"],
-        dynamics: Dynamics | dict[str, Any] | None,
-        usual: Dynamics,
-    ) -> None:
+    def take_options(self, options: Options, applicable: Collection[str], where: str) -> None:
+        """Take what all constructors do alike: the nominal design, what is observed, what is randomized.
+
+        Args:
+            options: that were given.
+            applicable: names of what may be randomized.
+            where: the environment, for messages, such as "a quasi_static 2-X arm".
+
+        Raises:
+            ValueError: the design or what is randomized is unknown or out of range; the message names it.
+            TypeError: the design is not one of this mechanism.
+        """
+        self.design = resolve_design(options.design, self.published)
+        self.observe_all = options.observe == "full"
+        self.observe_velocities = options.observe_velocities
+        self.randomizable = frozenset(applicable)
+        self.randomization = Randomization.given(options.randomization, applicable, where)
+
+    def set_simulation(self, control: Drivable, options: Options, usual: Dynamics) -> None:
         """Define how the mechanism moves.
 
         Args:
             control: its inputs.
-            backend: "quasi_static", or "mujoco" for dynamics.
-            dynamics: parameters of the dynamics, some of them by name, or None for the usual ones.
-            usual: those that are not given.
+            options: their backend, and parameters of its dynamics.
+            usual: parameters of the dynamics that are not given.
 
         Raises:
-            ValueError: there is no such backend, or it has no dynamics; a parameter is unknown or out of range.
+            ValueError: a parameter is unknown or out of range.
             ImportError: MuJoCo is not installed.
         """
-        check_backend(backend)
-        if backend == "quasi_static":
-            if dynamics is not None:
-                raise ValueError("dynamics: needs backend = 'mujoco'")
+        if not options.is_dynamic:
             self.simulation = control
             return
+        dynamics = options.dynamics
         if not isinstance(dynamics, Dynamics):
             unknown = [name for name in dynamics or {} if name not in Dynamics.__dataclass_fields__]
             if unknown:

@@ -5,7 +5,7 @@ from tensegrity_envs.tasks.hold import Hold
 from tensegrity_envs.tasks.posture import Posture
 from tensegrity_envs.tasks.reach import InputReach, Reach
 from tensegrity_envs.tasks.track import Track
-from tensegrity_envs.tasks.weights import HoldWeights, PostureWeights, ReachWeights, TrackWeights
+from tensegrity_envs.tasks.weights import HoldWeights, PostureWeights, ReachWeights, TrackWeights, Weights
 
 __all__ = [
     "Hold",
@@ -18,4 +18,5 @@ __all__ = [
     "Task",
     "Track",
     "TrackWeights",
+    "Weights",
 ]

@@ -9,6 +9,8 @@ import numpy as np
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
 
+_FULL_MARGIN = 0.2
+
 
 @dataclass(frozen=True, kw_only=True)
 class Task(ABC):
@@ -57,6 +59,55 @@ class Task(ABC):
             total = total + value * value
         return total / (max(len(state.inputs), 1) * self.input_scale**2)
 
-    @abstractmethod
+    def earns_success(self, error: Component, state: State, episode: Episode) -> Component:
+        """Whether a step earns the success term of the reward: by default, whether it is within tolerance."""
+        return error <= self.tolerance
+
     def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
-        """The weighted terms of the reward by name; none is negative, all are zero where the episode fails."""
+        """The weighted terms of the reward by name, each from 0 to its weight; all zero where the episode fails.
+
+        Nothing that is still to come is ever negative: an episode that ends early gives up everything that it could
+        still have collected, so that failing early never pays.
+
+        Args:
+            xp: namespace of the components.
+            error: distance from the goal [m or rad].
+            state: after the step.
+            episode: what stays the same during it.
+        """
+        running = xp.where(state.failure == RUNNING, 1.0, 0.0)
+        success = xp.where(self.earns_success(error, state, episode), running, 0.0)
+        if self.reward_type == "sparse":
+            return {"success": success}
+        return self.dense_terms(xp, error, state, episode, running, success)
+
+    @abstractmethod
+    def dense_terms(
+        self, xp: Any, error: Component, state: State, episode: Episode, running: Component, success: Component
+    ) -> dict[str, Component]:
+        """The weighted terms of the dense reward, by the names of its weights.
+
+        Args:
+            xp: namespace of the components.
+            error: distance from the goal [m or rad].
+            state: after the step.
+            episode: what stays the same during it.
+            running: 1, or 0 where the episode fails in this step.
+            success: 1 where the step earns the success term, else 0.
+        """
+
+    def remoteness(self, xp: Any, error: Component) -> Component:
+        """1 + sqrt(error / tolerance): 1 at the goal, 2 at one tolerance from it, 11 at a hundred."""
+        return 1.0 + xp.sqrt(error / self.tolerance)
+
+    def margin_terms(self, xp: Any, weights: Any, state: State, running: Component) -> dict[str, Component]:
+        """The terms "stability" and "wrench", which rise with the margins, up to their weights at 0.2."""
+        return {
+            "stability": weights.stability * running * share_of(xp, state.stability_margin, _FULL_MARGIN),
+            "wrench": weights.wrench * running * share_of(xp, state.wrench_margin, _FULL_MARGIN),
+        }
+
+
+def share_of(xp: Any, margin: Component, full: Component) -> Component:
+    """How much of a full margin there is, from 0 to 1."""
+    return xp.minimum(xp.maximum(margin / full, 0.0), 1.0)

@@ -5,8 +5,10 @@ from typing import Any
 
 from tensegrity_envs.compiler.namespace import Component, namespace_of
 from tensegrity_envs.simulation.protocol import OFF_TARGET, RUNNING, Episode, State
-from tensegrity_envs.tasks.base import Task
+from tensegrity_envs.tasks.base import Task, share_of
 from tensegrity_envs.tasks.weights import HoldWeights
+
+_FULL_MARGIN = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,16 +51,18 @@ class Hold(Task):
         """The score so far."""
         return {"score": self.score(state, episode)}
 
-    def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
-        """The weighted terms of the reward by name; all zero in the step in which the episode fails."""
-        running = xp.where(state.failure == RUNNING, 1.0, 0.0)
-        success = xp.where(self.score(state, episode) >= 1, running, 0.0)
-        if self.reward_type == "sparse":
-            return {"success": success}
+    def earns_success(self, error: Component, state: State, episode: Episode) -> Component:
+        """Whether a force of at least the reference has been held."""
+        return self.is_success(error, state, episode)
+
+    def dense_terms(
+        self, xp: Any, error: Component, state: State, episode: Episode, running: Component, success: Component
+    ) -> dict[str, Component]:
+        """See `Task.dense_terms` and `HoldWeights`."""
         w = self.weights
         return {
             "hold": w.hold * running,
             "distance": w.distance * running * xp.maximum(1.0 - error / self.tolerance, 0.0),
-            "stability": w.stability * running * xp.minimum(xp.maximum(state.stability_margin / 0.1, 0.0), 1.0),
+            "stability": w.stability * running * share_of(xp, state.stability_margin, _FULL_MARGIN),
             "success": w.success * success,
         }

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tensegrity_envs.compiler.namespace import Component
-from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
+from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.tasks.base import Task
 from tensegrity_envs.tasks.weights import PostureWeights
 
@@ -23,16 +23,14 @@ class Posture(Task):
     margin: float
     weights: PostureWeights = field(default_factory=PostureWeights)
 
-    def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
-        """The weighted terms of the reward by name; all zero in the step in which the episode fails."""
-        running = xp.where(state.failure == RUNNING, 1.0, 0.0)
-        success = xp.where(error <= self.tolerance, running, 0.0)
-        if self.reward_type == "sparse":
-            return {"success": success}
+    def dense_terms(
+        self, xp: Any, error: Component, state: State, episode: Episode, running: Component, success: Component
+    ) -> dict[str, Component]:
+        """See `Task.dense_terms` and `PostureWeights`."""
         w = self.weights
         return {
             "distance": w.distance * running * xp.maximum(1.0 - error / self.span, 0.0),
-            "closeness": w.closeness * running / (1.0 + xp.sqrt(error / self.tolerance)),
+            "closeness": w.closeness * running / self.remoteness(xp, error),
             "potential": 0.0,  # from a table: filled in by the core
             "clearance": w.clearance * running * xp.minimum(state.stability_margin / self.margin, 1.0),
             "success": w.success * success,

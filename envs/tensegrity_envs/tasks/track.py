@@ -8,8 +8,6 @@ from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
 from tensegrity_envs.tasks.base import Task
 from tensegrity_envs.tasks.weights import TrackWeights
 
-_FULL_MARGIN = 0.2
-
 
 @dataclass(frozen=True, kw_only=True)
 class Track(Task):
@@ -43,18 +41,13 @@ class Track(Task):
         """The largest error of the last cycle so far [m]."""
         return {"largest_error": state.record[0]}
 
-    def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
-        """The weighted terms of the reward by name; all zero in the step in which the episode fails."""
-        running = xp.where(state.failure == RUNNING, 1.0, 0.0)
-        success = xp.where(error <= self.tolerance, running, 0.0)
-        if self.reward_type == "sparse":
-            return {"success": success}
+    def dense_terms(
+        self, xp: Any, error: Component, state: State, episode: Episode, running: Component, success: Component
+    ) -> dict[str, Component]:
+        """See `Task.dense_terms` and `TrackWeights`."""
         w = self.weights
-        stability = xp.minimum(xp.maximum(state.stability_margin / _FULL_MARGIN, 0.0), 1.0)
-        wrench = xp.minimum(xp.maximum(state.wrench_margin / _FULL_MARGIN, 0.0), 1.0)
         return {
-            "distance": w.distance * running / (1.0 + xp.sqrt(error / self.tolerance)),
+            "distance": w.distance * running / self.remoteness(xp, error),
             "success": w.success * success,
-            "stability": w.stability * running * stability,
-            "wrench": w.wrench * running * wrench,
+            **self.margin_terms(xp, w, state, running),
         }

@@ -1,8 +1,8 @@
 """Weights of the rewards' terms, each zero or positive; a term scores between 0 and 1 before it is weighted."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, TypeVar
+from dataclasses import dataclass, fields, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,22 +25,21 @@ class Weights:
             if not (is_number and np.isfinite(value) and value >= 0):
                 raise ValueError(f"reward weight {field.name} = {value!r}: must be a finite number, zero or positive")
 
-    @classmethod
-    def given(cls: type[W], weights: dict[str, float] | Any | None) -> W:
-        """Weights by name; those left out keep their default.
+    def updated(self: W, weights: "Mapping[str, float] | Weights | None") -> W:
+        """These weights with others by name, or others altogether.
 
         Raises:
             ValueError: a name is unknown, or a weight negative or not finite.
         """
-        if isinstance(weights, cls):
+        if isinstance(weights, type(self)):
             return weights
         if not isinstance(weights, Mapping | None):
             raise ValueError(f"reward_weights = {weights!r}: must be a dict such as {{'success': 1.0}}")
-        known = [field.name for field in fields(cls)]
+        known = [field.name for field in fields(self)]
         for name in weights or {}:
             if name not in known:
                 raise ValueError(f"reward_weights: no term {name!r}; there are {', '.join(known)}")
-        return cls(**(weights or {}))
+        return replace(self, **(weights or {}))
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """What the environments of the dual-triangle arm share."""
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
@@ -7,8 +8,9 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.core import Core
-from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
+from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
 from tensegrity_envs.observation import Field, arm_fields, inputs_field
+from tensegrity_envs.options import Options
 from tensegrity_envs.simulation.dynamic import DynamicControl
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.simulation.quasi_static import DeltaControl
@@ -19,19 +21,30 @@ SEGMENTS = 3
 class DualTriangleCore(Core):
     """What the environments of this arm share."""
 
+    published = ZHAO2021_CAPTION
     simulation: DeltaControl | DynamicControl
     design: DualTriangleDesign
 
-    def _take_design(self, design: DualTriangleDesign) -> None:
-        self.design = design
-        self.nominal = DualTriangle(design, SEGMENTS)
-        if not self.nominal.straight_critical_loads()[0] > 0:
+    def take_options(self, options: Options, applicable: Collection[str], where: str) -> None:
+        """See `Core.take_options`.
+
+        Raises:
+            ValueError: the straight arm is unstable.
+        """
+        super().take_options(options, applicable, where)
+        self.nominal = DualTriangle(self.design, SEGMENTS)
+        critical_load = self.nominal.straight_critical_loads()[0]
+        if not critical_load > 0:
             raise ValueError(
-                f"design = {design!r}: the straight arm is unstable; "
+                f"design = {self.design!r}: the straight arm is unstable; "
                 "condition (2) of [Zhao2021] asks for a longer nominal free length"
             )
-        self.reach = float(self.nominal.reach)
-        self.critical_load = float(self.nominal.straight_critical_loads()[0])
+        self.reach, self.critical_load = float(self.nominal.reach), float(critical_load)
+
+    @property
+    def scale(self) -> float:
+        """How many times as far as the published arm this one reaches."""
+        return self.reach / float(DualTriangle(self.published, SEGMENTS).reach)
 
     def mechanism(self, design: DualTriangleDesign) -> DualTriangle:
         """See `Core.mechanism`."""

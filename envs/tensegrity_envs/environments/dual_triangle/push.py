@@ -1,17 +1,14 @@
 """The dual-triangle arm that holds against a push."""
 
-from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Components, to_single
-from tensegrity_envs.core import Sampled, is_fully_observed, scaled_tolerance
-from tensegrity_envs.environments.dual_triangle.arm import SEGMENTS, DualTriangleCore
+from tensegrity_envs.core import Sampled
+from tensegrity_envs.environments.dual_triangle.arm import DualTriangleCore
 from tensegrity_envs.environments.dual_triangle.holding import HoldSampler
-from tensegrity_envs.mechanics.designs import resolve_design
-from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
-from tensegrity_envs.randomization import Randomization
+from tensegrity_envs.options import QUASI_STATIC, Options
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.protocol import Episode
 from tensegrity_envs.simulation.quasi_static import FreeLengthControl
@@ -29,12 +26,9 @@ class DualTrianglePush(DualTriangleCore):
     success from 1 on.
 
     Args:
+        load_per_step: how much the force grows in a step, divided by k b.
         design: of the arm, by default ZHAO2021_CAPTION; its springs must be bilateral. See
             `mechanics.designs.resolve_design`.
-        load_per_step: how much the force grows in a step, divided by k b.
-        observe: "full", or "tip_and_inputs" (no joint angles, no margins).
-        reward_type: "dense" or "sparse".
-        reward_weights: of the dense reward, by name; those left out keep their default.
         tolerance: the episode ends beyond this distance [m]; by default 6 mm at the published size, growing with it.
         randomization: there is nothing to randomize yet: None.
 
@@ -43,37 +37,25 @@ class DualTrianglePush(DualTriangleCore):
         TypeError: `design` is not a design.
     """
 
+    shared = QUASI_STATIC
     input_name = "free_lengths"
     control = "free_lengths"
 
-    def __init__(
-        self,
-        design: DualTriangleDesign | Mapping[str, Any] | str | None = None,
-        load_per_step: float = 0.3 / 150,
-        observe: Literal["full", "tip_and_inputs"] = "full",
-        reward_type: Literal["dense", "sparse"] = "dense",
-        reward_weights: dict[str, float] | HoldWeights | None = None,
-        tolerance: float | None = None,
-        randomization: Randomization | Mapping[str, Any] | None = None,
-    ) -> None:
-        self.randomization = Randomization.given(randomization, (), "a push")
-        design = resolve_design(design, ZHAO2021_CAPTION)
-        self._take_design(design)
-        if design.springs != "bilateral":
-            raise ValueError(f"design.springs = {design.springs!r}: must be 'bilateral'")
-        self.observe_all = is_fully_observed(observe)
+    def __init__(self, load_per_step: float = 0.3 / 150, **shared: Any) -> None:
+        options = Options.of(type(self), shared)
+        self.take_options(options, (), "a push")
+        if self.design.springs != "bilateral":
+            raise ValueError(f"design.springs = {self.design.springs!r}: must be 'bilateral'")
         if not (np.isfinite(load_per_step) and load_per_step > 0):
             raise ValueError(f"load_per_step = {load_per_step!r}: must be positive")
         self.simulation = FreeLengthControl(self.nominal)
-        self.load_rate = -load_per_step * float(design.k1) * float(design.b1)
+        self.load_rate = -load_per_step * float(self.design.k1) * float(self.design.b1)
         self.task = Hold(
             reference_load=self.critical_load,
-            input_scale=FreeLengthControl.highest * float(design.free_length1),
-            tolerance=scaled_tolerance(tolerance, 0.006, self.reach, DualTriangle(ZHAO2021_CAPTION, SEGMENTS).reach),
-            reward_type=reward_type,
-            weights=HoldWeights.given(reward_weights),
+            input_scale=FreeLengthControl.highest * float(self.design.free_length1),
+            **options.scoring(HoldWeights(), 0.006, self.scale),
         )
-        b = float(design.b1)
+        b = float(self.design.b1)
         highest = float(self.simulation.bounds(self.nominal)[1])
         self.sampler = HoldSampler(self.nominal, (_TARGETS[0] * b, _TARGETS[1] * b), highest)
         self.set_spaces()

@@ -1,22 +1,15 @@
 """The planar 4-bar mechanism as a reaching environment, loaded or not."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
-from tensegrity_envs.core import (
-    Core,
-    Sampled,
-    check_backend,
-    is_fully_observed,
-    scaled_tolerance,
-)
+from tensegrity_envs.core import Core, Sampled
 from tensegrity_envs.environments.planar_four_bar.sampling import Sampler
 from tensegrity_envs.mechanics.design import take
-from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
 from tensegrity_envs.observation import (
@@ -29,7 +22,7 @@ from tensegrity_envs.observation import (
     rates_of,
     tip_field,
 )
-from tensegrity_envs.randomization import Randomization
+from tensegrity_envs.options import Options
 from tensegrity_envs.simulation.actuator_lengths import (
     LARGEST_THRUST,
     LoadedLengthControl,
@@ -55,20 +48,16 @@ class PlanarFourBarReach(Core):
     On which side of the line CD an episode begins is drawn, and told as info["random_side"], 1 or -1.
 
     Args:
-        design: of the mechanism that controllers are told about, by default JI2014; a mapping of some fields or the
-            name of a published one will do, see `mechanics.designs.resolve_design`.
         load_range: if given, every episode draws an unknown constant force on F, of a size within this range (times
             K L) and in any direction.
-        observe: "full", or "tip_and_inputs" (no bar angles, no margins).
-        reward_type: "dense" or "sparse".
-        reward_weights: of the dense reward, by name; those left out keep their default, but for effort, which is 0:
-            an actuator's length is no effort.
+        design: of the mechanism that controllers are told about, by default JI2014; a mapping of some fields or the
+            name of a published one will do, see `mechanics.designs.resolve_design`.
+        reward_weights: weights of the dense reward, by name; those left out keep their default, but for effort, which
+            is 0: an actuator's length is no effort.
         tolerance: success within this distance [m]; by default 5 cm for bars of 10 m, growing with them.
         backend: "quasi_static", or "mujoco" for dynamics (without a load).
         dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`. By default its
             own, but for a joint damping of 50 N m s/rad, time steps and servo time of 4 ms, 25 time steps in a step.
-        observe_velocities: whether velocities are observed; those of a quasi-static mechanism are zero.
-        randomization: what differs from episode to episode, by name; see `randomization.Randomization`.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
@@ -76,52 +65,32 @@ class PlanarFourBarReach(Core):
         ImportError: backend = "mujoco", and MuJoCo is not installed.
     """
 
+    published = JI2014
     simulation: LoadedLengthControl | DynamicControl
     design: PlanarFourBarDesign
     input_name = "actuator_lengths"
     hidden_info_keys = ("load",)
     control = "actuator_lengths"
 
-    def __init__(
-        self,
-        design: PlanarFourBarDesign | Mapping[str, Any] | str | None = None,
-        load_range: tuple[float, float] | None = None,
-        observe: Literal["full", "tip_and_inputs"] = "full",
-        reward_type: Literal["dense", "sparse"] = "dense",
-        reward_weights: dict[str, float] | ReachWeights | None = None,
-        tolerance: float | None = None,
-        backend: Literal["quasi_static", "mujoco"] = "quasi_static",
-        dynamics: Dynamics | dict[str, Any] | None = None,
-        observe_velocities: bool = False,
-        randomization: Randomization | dict[str, Any] | None = None,
-    ) -> None:
-        design = resolve_design(design, JI2014)
-        check_backend(backend)
-        self.nominal = PlanarFourBar(design)
-        if design.is_batch:
-            raise TypeError(f"design = {design!r}: must be one design, not a batch")
-        self.design = design
-        self.reach = float(self.nominal.reach)
-        self.observe_all = is_fully_observed(observe)
-        self.observe_velocities = observe_velocities
-        if load_range is not None and backend != "quasi_static":
+    def __init__(self, load_range: tuple[float, float] | None = None, **shared: Any) -> None:
+        options = Options.of(type(self), shared)
+        if load_range is not None and options.is_dynamic:
             raise ValueError(f"load_range = {load_range!r}: there are no dynamics under a load yet; give None")
         applicable = {"actuation_delay", "tip_noise", "angle_noise"}
         applicable |= {"stiffness"} if load_range is None else set()  # loaded targets depend on it
-        applicable |= {"mass", "damping"} if backend == "mujoco" else set()
-        self.randomizable = frozenset(applicable)
-        self.randomization = Randomization.given(randomization, applicable, f"a {backend} planar 4-bar mechanism")
+        applicable |= {"mass", "damping"} if options.is_dynamic else set()
+        self.take_options(options, applicable, f"a {options.backend} planar 4-bar mechanism")
+        if self.design.is_batch:
+            raise TypeError(f"design = {self.design!r}: must be one design, not a batch")
+        self.nominal = PlanarFourBar(self.design)
+        self.reach = float(self.nominal.reach)
         control = (RectangleControl if load_range is None else LoadedLengthControl)(self.nominal)
-        self.set_simulation(control, backend, dynamics, DYNAMICS)
-        if not isinstance(reward_weights, ReachWeights):
-            reward_weights = {"effort": 0.0} | (reward_weights or {})
+        self.set_simulation(control, options, DYNAMICS)
         self.task = InputReach(
-            input_scale=2 * float(design.length),
-            joint_span=2.5 * float(design.length),
+            input_scale=2 * float(self.design.length),
+            joint_span=2.5 * float(self.design.length),
             obstacle=around_meeting(self.nominal, _ROUND if load_range is None else _ROUND_LOADED),
-            tolerance=scaled_tolerance(tolerance, 0.05, design.length, JI2014.length),
-            reward_type=reward_type,
-            weights=ReachWeights.given(reward_weights),
+            **options.scoring(ReachWeights(effort=0.0), 0.05, self.design.length / self.published.length),
         )
         self.sampler = Sampler(self.nominal, control, load_range)
         self.set_spaces()

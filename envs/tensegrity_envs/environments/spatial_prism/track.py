@@ -1,15 +1,13 @@
 """The spatial prism as environments: following a closed curve, with or without an unknown payload."""
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.core import Core, Sampled, check_backend, is_fully_observed, scaled_tolerance
+from tensegrity_envs.core import Core, Sampled
 from tensegrity_envs.environments.spatial_prism.sampling import GRAVITY, HARMONICS, Sampler
-from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.spatial_prism import JAHROMY, SpatialPrism, SpatialPrismDesign
 from tensegrity_envs.observation import (
     Divided,
@@ -21,7 +19,7 @@ from tensegrity_envs.observation import (
     rates_of,
     tip_field,
 )
-from tensegrity_envs.randomization import Randomization
+from tensegrity_envs.options import Options
 from tensegrity_envs.rendering import Scene
 from tensegrity_envs.rendering_spatial import project
 from tensegrity_envs.simulation.dynamic import DynamicControl
@@ -43,23 +41,19 @@ class SpatialPrismTrack(Core):
     observation.
 
     Args:
-        design: of the prism that controllers are told about, by default JAHROMY; a mapping of some fields or the name
-            of a published one will do, see `mechanics.designs.resolve_design`.
         payload_range: if given, every episode attaches an unknown payload of a mass within this range [kg] at an
             unannounced moment, from a tenth to nine tenths of the first cycle.
         trajectory: "mixed", "random", or one of [Jahromy]'s two, "eq31" or "eq32"; see `Sampler`.
+        cycle: steps of a cycle.
+        design: of the prism that controllers are told about, by default JAHROMY; a mapping of some fields or the name
+            of a published one will do, see `mechanics.designs.resolve_design`.
         observe: "full", or "tip_and_inputs" (no orientation, no margins).
-        reward_type: "dense" or "sparse".
-        reward_weights: of the dense reward, by name; those left out keep their default.
         tolerance: success within this distance all through the second cycle [m]; by default 2 mm at the published
             size, growing with D.
-        cycle: steps of a cycle.
         backend: "quasi_static", or "mujoco" for dynamics. A payload then has weight, but no inertia.
         dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`. By default its
             own, but for no mass at the tip, a joint damping of 0.05 N m s/rad (of the orientation), time steps and
             servo time of 2 ms, 25 time steps in a step.
-        observe_velocities: whether velocities are observed; those of a quasi-static prism are zero.
-        randomization: what differs from episode to episode, by name; see `randomization.Randomization`.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
@@ -67,6 +61,7 @@ class SpatialPrismTrack(Core):
         ImportError: backend = "mujoco", and MuJoCo is not installed.
     """
 
+    published = JAHROMY
     simulation: LengthControl | DynamicControl
     design: SpatialPrismDesign
     input_name = "lengths"
@@ -74,45 +69,29 @@ class SpatialPrismTrack(Core):
 
     def __init__(
         self,
-        design: SpatialPrismDesign | Mapping[str, Any] | str | None = None,
         payload_range: tuple[float, float] | None = None,
         trajectory: str = "mixed",
-        observe: Literal["full", "tip_and_inputs"] = "full",
-        reward_type: Literal["dense", "sparse"] = "dense",
-        reward_weights: dict[str, float] | TrackWeights | None = None,
-        tolerance: float | None = None,
         cycle: int = 200,
-        backend: Literal["quasi_static", "mujoco"] = "quasi_static",
-        dynamics: Dynamics | dict[str, Any] | None = None,
-        observe_velocities: bool = False,
-        randomization: Randomization | dict[str, Any] | None = None,
+        **shared: Any,
     ) -> None:
-        design = resolve_design(design, JAHROMY)
-        check_backend(backend)
-        self.design = design
-        self.nominal = SpatialPrism(design)
-        self.observe_all = is_fully_observed(observe)
-        self.hidden_info_keys = () if payload_range is None else ("load",)
-        self.observe_velocities = observe_velocities
+        options = Options.of(type(self), shared)
         applicable = {"actuation_delay", "tip_noise"}
         applicable |= {"stiffness"} if payload_range is None else set()  # loaded starts depend on it
-        applicable |= {"mass", "damping"} if backend == "mujoco" else set()
-        self.randomizable = frozenset(applicable)
-        self.randomization = Randomization.given(randomization, applicable, f"a {backend} spatial prism")
+        applicable |= {"mass", "damping"} if options.is_dynamic else set()
+        self.take_options(options, applicable, f"a {options.backend} spatial prism")
+        self.nominal = SpatialPrism(self.design)
+        self.hidden_info_keys = () if payload_range is None else ("load",)
         control = LengthControl(self.nominal, payload_range is not None)
-        self.set_simulation(control, backend, dynamics, DYNAMICS)
+        self.set_simulation(control, options, DYNAMICS)
         self.sampler = Sampler(self.nominal, control, trajectory, cycle, payload_range)
         self.cycle = cycle
-        longest = float(self.simulation.bounds(self.nominal)[1])
-        self.task = Track(
-            input_scale=longest,
-            tolerance=scaled_tolerance(tolerance, 0.002, design.D, JAHROMY.D),
-            cycle=cycle,
-            reward_type=reward_type,
-            weights=TrackWeights.given(reward_weights),
-        )
         # |r|^2 = mean (l_i^2 - |b_i - a_i|^2) at any orientation: no centroid is farther than a strut can be long
-        self.reach = longest
+        self.reach = float(self.simulation.bounds(self.nominal)[1])
+        self.task = Track(
+            input_scale=self.reach,
+            cycle=cycle,
+            **options.scoring(TrackWeights(), 0.002, self.design.D / self.published.D),
+        )
         self.set_spaces(goal_size=3)
 
     def mechanism(self, design: SpatialPrismDesign) -> SpatialPrism:

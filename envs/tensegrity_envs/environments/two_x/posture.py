@@ -3,17 +3,16 @@
 import math
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.core import Core, Sampled
 from tensegrity_envs.environments.two_x.detours import detours_of
-from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.two_x import FURET2018, TwoX, TwoXDesign
 from tensegrity_envs.observation import Field, SineAndCosine, Softsign, tip_field
-from tensegrity_envs.randomization import Randomization
+from tensegrity_envs.options import QUASI_STATIC, Options
 from tensegrity_envs.seeding import EpisodeStream
 from tensegrity_envs.simulation.protocol import RUNNING, SINGULAR, Episode, State
 from tensegrity_envs.tasks import Posture, PostureWeights
@@ -94,11 +93,10 @@ class TwoXPostureChange(Core):
     that as `stability_margin`, for want of springs.
 
     Args:
-        design: without offsets, on the full torus; by default FURET2018(0.9). See `mechanics.designs.resolve_design`.
-        reward_type: "dense" or "sparse".
-        reward_weights: of the dense reward, by name; those left out keep their default.
-        tolerance: success within this distance in each angle [rad].
         smallest: |det J| / L^2 at which the episode ends.
+        design: without offsets, on the full torus; by default FURET2018(0.9). See `mechanics.designs.resolve_design`.
+        observe: "full": nothing can be left out.
+        tolerance: success within this distance in each angle [rad].
         randomization: there is nothing to randomize: None.
 
     Raises:
@@ -106,6 +104,10 @@ class TwoXPostureChange(Core):
         TypeError: `design` is not a design.
     """
 
+    published = FURET2018(0.9)
+    shared = QUASI_STATIC
+    option_defaults: ClassVar[Mapping[str, Any]] = {"tolerance": 0.02}
+    design: TwoXDesign
     simulation: JointPaths
     task: Posture
     input_name = ""
@@ -114,38 +116,22 @@ class TwoXPostureChange(Core):
     error_name = "posture_error"
     error_unit = "mrad"
 
-    def __init__(
-        self,
-        design: TwoXDesign | Mapping[str, Any] | str | None = None,
-        observe: Literal["full"] = "full",
-        reward_type: Literal["dense", "sparse"] = "dense",
-        reward_weights: dict[str, float] | PostureWeights | None = None,
-        tolerance: float = 0.02,
-        smallest: float = 1e-3,
-        randomization: Randomization | Mapping[str, Any] | None = None,
-    ) -> None:
-        self.randomization = Randomization.given(randomization, (), "a change of posture")
-        design = resolve_design(design, FURET2018(0.9))
-        if design.a != 0 or design.joint_limit < 2 * math.pi:
+    def __init__(self, smallest: float = 1e-3, **shared: Any) -> None:
+        options = Options.of(type(self), shared)
+        self.take_options(options, (), "a change of posture")
+        if self.design.a != 0 or self.design.joint_limit < 2 * math.pi:
             raise ValueError(
-                f"design = {design!r}: must be without offsets (a = 0) and on the torus (joint_limit 2 pi)"
+                f"design = {self.design!r}: must be without offsets (a = 0) and on the torus (joint_limit 2 pi)"
             )
-        if observe != "full":
-            raise ValueError(f"observe = {observe!r}: must be 'full'")
+        if options.observe != "full":
+            raise ValueError(f"observe = {options.observe!r}: must be 'full'")
         if not (np.isfinite(smallest) and smallest > 0):
             raise ValueError(f"smallest = {smallest!r}: must be positive")
-        self.design = design
-        self.nominal = TwoX(design)
-        self.simulation = JointPaths(smallest)
-        self.task = Posture(
-            span=math.pi,
-            margin=0.1,
-            tolerance=tolerance,
-            reward_type=reward_type,
-            weights=PostureWeights.given(reward_weights),
-        )
+        self.nominal = TwoX(self.design)
         self.reach = float(self.nominal.reach)
-        self._labels, self._axes, self._signs = _aspects_of(design)
+        self.simulation = JointPaths(smallest)
+        self.task = Posture(span=math.pi, margin=0.1, **options.scoring(PostureWeights(), 0.02))
+        self._labels, self._axes, self._signs = _aspects_of(self.design)
         self.set_spaces(goal_bound=math.pi)
 
     def mechanism(self, design: TwoXDesign) -> TwoX:

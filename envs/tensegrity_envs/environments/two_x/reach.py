@@ -1,24 +1,16 @@
 """The 2-X manipulator as a reaching environment."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, to_single
-from tensegrity_envs.core import (
-    Core,
-    Sampled,
-    check_backend,
-    is_fully_observed,
-    scaled_tolerance,
-)
+from tensegrity_envs.core import Core, Sampled
 from tensegrity_envs.environments.two_x.sampling import Sampler, feasible_solutions
-from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
 from tensegrity_envs.observation import Field, arm_fields, inputs_field
-from tensegrity_envs.randomization import Randomization
+from tensegrity_envs.options import Options
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.simulation.quasi_static import JointControl, TensionControl
@@ -37,20 +29,14 @@ class TwoXReach(Core):
     """The 2-X reaching environments.
 
     Args:
-        design: of the arm that controllers are told about, by default MURALIDHARAN2022; a mapping of some fields or
-            the name of a published one will do, see `mechanics.designs.resolve_design`. Joint limits
-            beyond 2.6 rad are narrowed to that.
         control: "joint" (two increments of at most 0.1 rad) or "tension" (four of at most 15 N).
-        payload_range: if given, every episode draws an unknown payload from it [kg], uniformly.
-        observe: "full", or "tip_and_inputs" (no joint angles, no margins).
-        reward_type: "dense" or "sparse".
-        reward_weights: of the dense reward, by name; those left out keep their default.
+        payload_range: if given, every episode draws an unknown payload from it [kg], uniformly; it may be given in
+            `randomization` instead.
+        design: of the arm that controllers are told about, by default MURALIDHARAN2022; a mapping of some fields or
+            the name of a published one will do, see `mechanics.designs.resolve_design`. Joint limits beyond 2.6 rad
+            are narrowed to that.
         tolerance: success within this distance [m]; by default 5 mm at the published size, growing with the reach.
         backend: "quasi_static", or "mujoco" for dynamics (tension control only).
-        dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`.
-        observe_velocities: whether velocities are observed; those of a quasi-static arm are zero.
-        randomization: what differs from episode to episode, by name; see `randomization.Randomization`. The payload
-            may be given here or as `payload_range`.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
@@ -58,36 +44,29 @@ class TwoXReach(Core):
         ImportError: backend = "mujoco", and MuJoCo is not installed.
     """
 
+    published = MURALIDHARAN2022
+    design: TwoXDesign
     input_name = "tensions"
     hidden_info_keys = ("payload",)
 
     def __init__(
         self,
-        design: TwoXDesign | Mapping[str, Any] | str | None = None,
         control: Literal["joint", "tension"] = "joint",
         payload_range: tuple[float, float] | None = None,
-        observe: Literal["full", "tip_and_inputs"] = "full",
-        reward_type: Literal["dense", "sparse"] = "dense",
-        reward_weights: dict[str, float] | ReachWeights | None = None,
-        tolerance: float | None = None,
-        backend: Literal["quasi_static", "mujoco"] = "quasi_static",
-        dynamics: Dynamics | dict[str, Any] | None = None,
-        observe_velocities: bool = False,
-        randomization: Randomization | dict[str, Any] | None = None,
+        **shared: Any,
     ) -> None:
-        design = resolve_design(design, MURALIDHARAN2022)
-        check_backend(backend)
+        options = Options.of(type(self), shared)
         if control not in CONTROLS:
             raise ValueError(f"control = {control!r}: must be one of {', '.join(map(repr, CONTROLS))}")
-        if control == "joint" and backend != "quasi_static":
-            raise ValueError(f"backend = {backend!r}: needs control = 'tension' (cables pull, joints have no motors)")
-        self.observe_all = is_fully_observed(observe)
-        self.observe_velocities = observe_velocities
+        if control == "joint" and options.is_dynamic:
+            raise ValueError(
+                f"backend = {options.backend!r}: needs control = 'tension' (cables pull, joints have no motors)"
+            )
         applicable = {"stiffness", "mass", "payload", "actuation_delay", "tip_noise", "angle_noise"}
-        applicable |= {"damping"} if backend == "mujoco" else set()
-        takes_payload = control == "tension" and payload_range is None
-        self.randomizable = frozenset(applicable if takes_payload else applicable - {"payload"})
-        self.randomization = Randomization.given(randomization, applicable, f"a {backend} 2-X arm")
+        applicable |= {"damping"} if options.is_dynamic else set()
+        self.take_options(options, applicable, f"a {options.backend} 2-X arm")
+        if control != "tension" or payload_range is not None:
+            self.randomizable -= {"payload"}
         if self.randomization.payload is not None:
             if payload_range is not None:
                 raise ValueError("payload_range, and a payload in randomization: give one of them")
@@ -97,22 +76,20 @@ class TwoXReach(Core):
                 "payload_range: needs control = 'tension' (in joint control the cables would give the payload away)"
             )
         self.control = control
-        self.design: TwoXDesign = environment_design(design)
+        self.design = environment_design(self.design)
         self.nominal = TwoX(self.design)
+        self.reach = float(self.nominal.reach)
         if control == "joint":
             self.simulation = JointControl()
         else:
-            self.set_simulation(TensionControl(), backend, dynamics, Dynamics())
+            self.set_simulation(TensionControl(), options, Dynamics())
         self.payload_range = payload_range
         self.task = Reach(
             input_scale=float(self.design.max_tension),
             joint_span=2 * self.design.joint_limit,
-            tolerance=scaled_tolerance(tolerance, 0.005, self.nominal.reach, TwoX(environment_design()).reach),
-            reward_type=reward_type,
-            weights=ReachWeights.given(reward_weights),
+            **options.scoring(ReachWeights(), 0.005, self.nominal.reach / TwoX(environment_design()).reach),
         )
         self.sampler = Sampler(self.design, payload_range)
-        self.reach = float(self.nominal.reach)
         self.set_spaces()
 
     def mechanism(self, design: TwoXDesign) -> TwoX:

@@ -1,0 +1,178 @@
+"""The options that all environments share: one object, shown in the signature and the help of each of them.
+
+A constructor names its own options and takes the others as `**shared`:
+
+    def __init__(self, payload_range: tuple[float, float] | None = None, **shared: Any) -> None:
+        options = Options.of(type(self), shared)
+"""
+
+import dataclasses
+import inspect
+import re
+import textwrap
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import Any, Literal
+
+from tensegrity_envs.randomization import Randomization
+from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
+from tensegrity_envs.tasks import Weights
+
+_WIDTH = 112
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options that all environments share.
+
+    Attributes:
+        design: the mechanism that controllers are told about; by default a published one. A mapping of some fields or
+            the name of a published design will do, see `mechanics.designs.resolve_design`.
+        observe: "full", or "tip_and_inputs" (no joint angles, no margins).
+        observe_velocities: whether velocities are observed; those of a quasi-static mechanism are zero.
+        reward_type: "dense" or "sparse".
+        reward_weights: weights of the dense reward, by name; those left out keep their default.
+        tolerance: success within this distance [m]; the default grows with the mechanism.
+        backend: "quasi_static", or "mujoco" for dynamics.
+        dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`.
+        randomization: what differs from episode to episode, by name; see `randomization.Randomization`.
+    """
+
+    design: Any = None
+    observe: Literal["full", "tip_and_inputs"] = "full"
+    observe_velocities: bool = False
+    reward_type: Literal["dense", "sparse"] = "dense"
+    reward_weights: Mapping[str, float] | Weights | None = None
+    tolerance: float | None = None
+    backend: Literal["quasi_static", "mujoco"] = "quasi_static"
+    dynamics: Dynamics | Mapping[str, Any] | None = None
+    randomization: Randomization | Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            ValueError: `observe` or `backend` is none of those there are; there are dynamics without their backend.
+        """
+        for name, known in (("observe", ("full", "tip_and_inputs")), ("backend", ("quasi_static", "mujoco"))):
+            if getattr(self, name) not in known:
+                raise ValueError(f"{name} = {getattr(self, name)!r}: must be {' or '.join(map(repr, known))}")
+        if self.dynamics is not None and not self.is_dynamic:
+            raise ValueError("dynamics: needs backend = 'mujoco'")
+
+    @classmethod
+    def of(cls, core: Any, given: Mapping[str, Any]) -> "Options":
+        """The options that were given to the constructor of a core.
+
+        Raises:
+            TypeError: the core has no such option; the message says what there is.
+            ValueError: an option is out of range.
+        """
+        if not set(given) <= set(core.shared):
+            # A subclass that takes none of them may still hand them to this constructor.
+            check_names(core, given, [*inspect.signature(core).parameters, *core.shared])
+        return cls(**{**core.option_defaults, **given})
+
+    @property
+    def is_dynamic(self) -> bool:
+        """Whether the environment has dynamics."""
+        return self.backend == "mujoco"
+
+    def scoring(self, weights: Weights, tolerance: float, scale: Any = 1.0) -> dict[str, Any]:
+        """The arguments that all tasks share.
+
+        Args:
+            weights: by default.
+            tolerance: of the published design [m].
+            scale: how many times as large as the published design this one is.
+        """
+        return {
+            "tolerance": tolerance * float(scale) if self.tolerance is None else self.tolerance,
+            "reward_type": self.reward_type,
+            "weights": weights.updated(self.reward_weights),
+        }
+
+
+OPTION_NAMES = tuple(field.name for field in dataclasses.fields(Options))
+# Those of an environment that has no dynamics.
+QUASI_STATIC = tuple(name for name in OPTION_NAMES if name not in ("backend", "dynamics", "observe_velocities"))
+
+
+def described(cls: type, section: str = "Attributes") -> dict[str, str]:
+    """What the docstring of a class says of its attributes (or arguments), by name, each in one line."""
+    doc = inspect.getdoc(cls) or ""
+    found = re.search(rf"^{section}:\n((?:(?:    .*)?\n?)*)", doc, re.MULTILINE)
+    entries = re.split(r"^    (?=\w+:)", found[1] if found else "", flags=re.MULTILINE)[1:]
+    pairs = (entry.split(":", 1) for entry in entries)
+    return {name: " ".join(text.split()) for name, text in pairs}
+
+
+def share_options(core: type, names: Iterable[str]) -> None:
+    """Write the shared options into a core's signature and docstring, for `inspect`, `help` and error messages.
+
+    Args:
+        core: a class; only if its constructor takes further keyword arguments.
+        names: the options that it shares.
+    """
+    if "__init__" not in vars(core):
+        return
+    own = list(inspect.signature(core.__init__).parameters.values())[1:]  # type: ignore[misc]
+    parent = core.__base__
+    explicit = [parameter for parameter in own if parameter.kind is not inspect.Parameter.VAR_KEYWORD]
+    taken = {parameter.name for parameter in explicit}
+    further: list[inspect.Parameter] = []
+    if len(explicit) < len(own) and parent is not None and parent.__init__ is not object.__init__:  # type: ignore[misc]
+        further = list(inspect.signature(parent).parameters.values())
+    elif len(explicit) < len(own):
+        defaults = getattr(core, "option_defaults", {})
+        further = [
+            inspect.Parameter(
+                field.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=defaults.get(field.name, field.default),
+                annotation=field.type,
+            )
+            for field in dataclasses.fields(Options)
+            if field.name in names
+        ]
+        _document(core, [parameter.name for parameter in further])
+    further = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in further if p.name not in taken]
+    core.__signature__ = inspect.Signature(explicit + further)  # type: ignore[attr-defined]
+
+
+def _document(core: type, names: list[str]) -> None:
+    """Add the shared options to the section of arguments of a docstring, but for those that it describes itself."""
+    doc = vars(core).get("__doc__")
+    if not doc:
+        return
+    head, args, rest = inspect.cleandoc(doc).partition("\nArgs:\n")
+    own, raises, rest = rest.partition("\n\nRaises:\n")
+    known = described(core, "Args")
+    entries = [
+        textwrap.fill(f"{name}: {text}", _WIDTH, initial_indent="    ", subsequent_indent="        ")
+        for name, text in described(Options).items()
+        if name in names and name not in known
+    ]
+    core.__doc__ = head + (args or "\n\nArgs:\n") + "\n".join([*([own] if own else []), *entries]) + raises + rest
+
+
+def check_names(core: type, names: Iterable[str], known: Iterable[str] | None = None) -> None:
+    """Refuse options that a core does not have.
+
+    Args:
+        core: a class.
+        names: of options.
+        known: of those that there are; by default those in its signature.
+
+    Raises:
+        TypeError: it has no such option; the message says what there is.
+    """
+    known = list(dict.fromkeys(inspect.signature(core).parameters if known is None else known))
+    for name in names:
+        if name not in known:
+            close = get_close_matches(name, known, 1)
+            hint = f" (did you mean {close[0]!r}?)" if close else ""
+            # Python's own words for it: clients such as TorchRL try arguments, and look for these in the message.
+            raise TypeError(
+                f"{core.__name__} got an unexpected keyword argument {name!r}{hint}; there are {', '.join(known)}"
+            )
