@@ -11,8 +11,8 @@ import pytest
 from figure_laws import faults
 from PIL import Image
 
-from tensegrity_agents import analysis
-from tensegrity_agents.reporting.figures import save, without_jumps
+from tensegrity_agents.analysis import analyze, base
+from tensegrity_agents.reporting.style import save, without_jumps
 
 MECHANISMS = {
     "two-x": ["muralidharan2022", "furet2018,b=0.9"],
@@ -32,8 +32,8 @@ def drawn(request, tmp_path_factory):
         return save(figure, stem, title)
 
     patch = pytest.MonkeyPatch()
-    patch.setattr(analysis, "save", keep)
-    analysis.analyze(request.param, MECHANISMS[request.param], folder, lambda *step: None)
+    patch.setattr(base, "save", keep)
+    analyze(request.param, MECHANISMS[request.param], folder, lambda *step: None)
     patch.undo()
     return folder, figures
 

@@ -19,7 +19,7 @@ from rich.console import Console
 from tensegrity_agents.evaluation.results import COLUMNS, Run
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.evaluation.statistics import interquartile_mean_of_runs, wilson_interval
-from tensegrity_agents.reporting import figures, report, table, video
+from tensegrity_agents.reporting import figures, path_figures, report, style, table, video
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
 
 ENV = "tensegrity/TwoXReach-v0"
@@ -134,17 +134,17 @@ def test_figures_of_a_comparison_keep_the_laws():
     runs = [*a_field(5), made_up("PPO agent with hints and more of them", "agent")]
     rows = table.summary_rows(runs)
     tips = np.random.default_rng(0).uniform(-0.5, 0.5, (60, 2))
-    ends = figures.Endings(tips, tips[::-1], tips[::-1] + 0.01, np.arange(60) > 20)
-    shade = figures.swfw(MURALIDHARAN2022)
-    look = figures.looks({"an agent of a rather long name": "agent"})
+    ends = path_figures.Endings(tips, tips[::-1], tips[::-1] + 0.01, np.arange(60) > 20)
+    shade = path_figures.swfw(MURALIDHARAN2022)
+    look = style.looks({"an agent of a rather long name": "agent"})
     paths = {"an agent of a rather long name": [tips[:4]]}
     for figure in (
         figures.success_bars(rows),
         figures.error_distribution(runs),
         figures.success_over_steps(runs),
-        figures.joint_space(MURALIDHARAN2022, paths, look),
-        figures.tip_paths(shade, paths, tips, look),
-        figures.workspace(shade, ends, "agent"),
+        path_figures.joint_space(MURALIDHARAN2022, paths, look),
+        path_figures.tip_paths(shade, paths, tips, look),
+        path_figures.workspace(shade, ends, "agent"),
         figures.learning_curve({"seconds": [1, 2], "timesteps": [10, 20], "success": [0, 0.5], "return": [1, 2]}),
     ):
         assert [fault for fault in faults(figure) if "cut off" not in fault] == []  # `save` makes room
@@ -275,23 +275,25 @@ def test_curves_show_the_shares_of_the_table():
 
 def test_looks_differ_and_stay():
     kinds = dict(zip(NAMES, KINDS, strict=True))
-    look = figures.looks(kinds)
+    look = style.looks(kinds)
     assert len({(v.colour, str(v.dashes)) for v in look.values()}) == len(look)
-    assert figures.looks(dict(list(kinds.items())[:3]))["closed_form_ik"] == look["closed_form_ik"]
+    assert style.looks(dict(list(kinds.items())[:3]))["closed_form_ik"] == look["closed_form_ik"]
 
 
 @pytest.mark.filterwarnings("error")
 def test_joint_space_and_workspace():
     paths = {"agent": [np.linspace((-1, -1), (1, 1), 9)], "closed_form_ik": [], "oracle": [np.zeros((1, 2))]}
-    look = figures.looks(dict(zip(NAMES, KINDS, strict=True)))
-    drawn(figures.joint_space(MURALIDHARAN2022, paths, look))
-    drawn(figures.joint_space(MURALIDHARAN2022))
+    look = style.looks(dict(zip(NAMES, KINDS, strict=True)))
+    drawn(path_figures.joint_space(MURALIDHARAN2022, paths, look))
+    drawn(path_figures.joint_space(MURALIDHARAN2022))
     q = np.random.default_rng(0).uniform(-1, 1, (2, 60))
     tips = np.stack(TwoX(MURALIDHARAN2022).tip((q[0], q[1])), axis=1)
     for failures in (0, 3, 60):
         success = np.arange(60) >= failures
-        ends = figures.Endings(tips, tips[::-1], tips[::-1] + 0.01, success, [tips[:4]] * 60 if failures == 3 else None)
-        figure = drawn(figures.workspace(figures.swfw(MURALIDHARAN2022), ends, "agent"))
+        ends = path_figures.Endings(
+            tips, tips[::-1], tips[::-1] + 0.01, success, [tips[:4]] * 60 if failures == 3 else None
+        )
+        figure = drawn(path_figures.workspace(path_figures.swfw(MURALIDHARAN2022), ends, "agent"))
         labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
         assert any(label.startswith(f"not reached: {failures}") for label in labels) == (failures > 0)
 
@@ -299,14 +301,18 @@ def test_joint_space_and_workspace():
 @pytest.mark.filterwarnings("error")
 def test_joint_space_of_an_arm_that_nothing_holds():
     limp = TwoXDesign(b=0.05, l=0.1, a=0.2, k1=0.0, k2=0.0, min_tension=1.0, max_tension=1.1, payload=50.0)
-    drawn(figures.joint_space(limp))
+    drawn(path_figures.joint_space(limp))
     nothing = np.empty((0, 2))
-    drawn(figures.workspace(figures.swfw(limp), figures.Endings(nothing, nothing, nothing, np.empty(0, bool))))
+    drawn(
+        path_figures.workspace(
+            path_figures.swfw(limp), path_figures.Endings(nothing, nothing, nothing, np.empty(0, bool))
+        )
+    )
 
 
 def test_joint_space_has_the_published_edge():
     """[Muralidharan2022]: on alpha_2 = 0 stable and feasible for |alpha_1| <= 2.41225176 rad."""
-    _, a1, a2, margin = figures._joint_grid(MURALIDHARAN2022)
+    _, a1, a2, margin = path_figures._joint_grid(MURALIDHARAN2022)
     middle = a2.shape[1] // 2
     assert abs(a2[0, middle]) < 1e-9
     inside = a1[:, 0][margin[:, middle] > 0]
@@ -334,7 +340,7 @@ def test_learning_curve(progress):
 def test_saved_figures_are_pictures_and_reproducible(tmp_path):
     before = dict(mpl.rcParams)
     rows = table.summary_rows(a_field(3))
-    first, second = (figures.save(figures.success_bars(rows), tmp_path / name) for name in ("v1.0", "again"))
+    first, second = (style.save(figures.success_bars(rows), tmp_path / name) for name in ("v1.0", "again"))
     assert first.name == "v1.0.png" and Image.open(first).size[0] > 1000
     assert ElementTree.parse(tmp_path / "v1.0.svg").getroot().tag.endswith("svg")
     assert first.read_bytes() == second.read_bytes()
@@ -462,8 +468,8 @@ def test_report_of_a_real_pair(tmp_path):
     ]
     rows = table.summary_rows(runs, reach=0.6)
     pictures = {
-        "success": figures.save(figures.success_bars(rows), tmp_path / "success"),
-        "learning_curve": figures.save(
+        "success": style.save(figures.success_bars(rows), tmp_path / "success"),
+        "learning_curve": style.save(
             figures.learning_curve({"seconds": [1, 2], "timesteps": [5, 9], "success": [0, 1]}), tmp_path / "learning"
         ).with_suffix(".svg"),
     }
@@ -493,7 +499,7 @@ def test_report_escapes_everything(tmp_path):
     evil = '<script>alert("1")</script>'
     run = made_up(evil, "agent", reason=evil)
     run.notes = evil
-    figure = figures.save(Figure(), tmp_path / "empty")
+    figure = style.save(Figure(), tmp_path / "empty")
     text = written(
         tmp_path,
         [run, made_up(evil + "2", "baseline")],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tensegrity_agents.analysis import ANALYSES
-from tensegrity_agents.reporting import analysis_spatial_prism as spatial
+from tensegrity_agents.analysis.spatial_prism import figures as spatial
 from tensegrity_envs.mechanics import SpatialPrism
 from tensegrity_envs.mechanics.spatial_prism import trajectory31
 

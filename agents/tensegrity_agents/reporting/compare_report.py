@@ -11,7 +11,7 @@ import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.evaluation.compare import Comparison, Progress
 from tensegrity_agents.reporting import dual_triangle_fields as fields
-from tensegrity_agents.reporting import figures, table, video
+from tensegrity_agents.reporting import figures, path_figures, style, table, video
 from tensegrity_agents.reporting.report import collect_metadata, write_report
 from tensegrity_envs.mechanics import PlanarFourBarDesign, TwoXDesign
 from tensegrity_envs.mechanics.planar_four_bar.workspace import output_workspace
@@ -49,7 +49,7 @@ def write_comparison(
     (folder / "summary.md").write_text(table.to_markdown(rows) + "\n\n" + table.verdict(rows) + "\n")
     pictures = folder / "figures"
     pictures.mkdir(exist_ok=True)
-    look = figures.looks({run.controller: run.kind for run in runs})
+    look = style.looks({run.controller: run.kind for run in runs})
     shown = {name: c for name, c in comparison.controllers.items() if name != "random"}
     agent = next(iter(comparison.controllers))
     steps = 7 if isinstance(core.task, Hold | Track) else 8
@@ -63,7 +63,7 @@ def write_comparison(
     made: dict[str, Path] = {}
 
     def keep(name: str, figure: Any) -> None:
-        made[name] = figures.save(figure, pictures / name, f"{experiment.env.split('/')[1]}: {_TITLES[name]}")
+        made[name] = style.save(figure, pictures / name, f"{experiment.env.split('/')[1]}: {_TITLES[name]}")
         drawn(name)
 
     keep("success", figures.success_bars(rows))
@@ -80,15 +80,17 @@ def write_comparison(
     if tracks:
         pass  # paths in space: the film shows them
     elif isinstance(core.design, TwoXDesign):
-        shade = figures.swfw(core.design)
-        keep("joint_space", figures.joint_space(core.design, {name: path[0] for name, path in paths.items()}, look))
+        shade = path_figures.swfw(core.design)
+        keep(
+            "joint_space", path_figures.joint_space(core.design, {name: path[0] for name, path in paths.items()}, look)
+        )
     else:
-        shade = figures.inside(_reachable(core))
+        shade = path_figures.inside(_reachable(core))
         tips = {name: list(ends.paths or ()) for name, (_, ends) in paths.items()}
-        keep("tip_paths", figures.tip_paths(shade, tips, next(iter(paths.values()))[1].target, look))
+        keep("tip_paths", path_figures.tip_paths(shade, tips, next(iter(paths.values()))[1].target, look))
     if not tracks:
         endings = _paths(comparison.controllers[agent], experiment, _WORKSPACE_EPISODES)[1]
-        keep("workspace", figures.workspace(shade, endings, agent))
+        keep("workspace", path_figures.workspace(shade, endings, agent))
     first = next(iter(comparison.curves))
     keep("learning_curve", figures.learning_curve(comparison.curves[first], comparison.evaluations.get(first)))
     film = video.record(
@@ -174,7 +176,7 @@ def _reachable(core: Any) -> Any:
     return fields.region_of(field, float(core.design.b1))
 
 
-def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np.ndarray], figures.Endings]:
+def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np.ndarray], path_figures.Endings]:
     """Joint paths and tip positions of the first test episodes."""
     envs = _vector(experiment, count)
     observation, info = envs.reset(seed=TEST_SEED)
@@ -206,7 +208,7 @@ def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np
         success[alive] = hit[alive]
         alive &= ~begun
     all_joints, all_tips = np.stack(joints), np.stack(tips)
-    ends = figures.Endings(
+    ends = path_figures.Endings(
         start,
         target,
         all_tips[length, np.arange(count)],

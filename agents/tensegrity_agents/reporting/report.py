@@ -31,7 +31,7 @@ from tensegrity_agents.reporting.table import (
     verdict,
 )
 
-# What is seen in the figures of `tensegrity_agents.reporting.figures`, by their usual names.
+# What is seen in the figures of a comparison, by their usual names.
 CAPTIONS = {
     "success": "Success rate of every controller with its 95% interval, and, magnified, of those above 90%.",
     "error": "Share of the episodes that end within a distance of the target. Where a curve crosses the vertical line "

@@ -1,6 +1,6 @@
 """Figures of the spatial prism: [Jahromy]'s figures 4 and 5, and what the paper leaves out: loads.
 
-Every function takes a mechanism and returns a `matplotlib.figure.Figure`; see `reporting.figures` for the style.
+Every function takes a mechanism and returns a `matplotlib.figure.Figure`; see `reporting.style`.
 """
 
 import math
@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
-from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _styled, without_jumps
+from tensegrity_agents.reporting.style import FAINT, INK, new_figure, styled, without_jumps
 from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES, SpatialPrism
 from tensegrity_envs.rendering_spatial import depth, flatten
 
@@ -31,19 +31,19 @@ def _published(prism: SpatialPrism, name: str, t: np.ndarray) -> tuple[Any, ...]
     return tuple(size * np.asarray(component) for component in TRAJECTORIES[name](t))
 
 
-@_styled
+@styled
 def forces_along(prism: SpatialPrism, name: str) -> Figure:
     """Thrusts of the struts and tensions of the cables along a trajectory [Jahromy, figures 4 and 5]."""
     t = np.linspace(0.0, 1.0, 801)
     r = _published(prism, name, t)
     q = (*r, *(np.zeros_like(t) for _ in range(3)))
-    figure = _figure(7.2, 3.4)
+    figure = new_figure(7.2, 3.4)
     axes = figure.subplots()
     for i, (force, colour) in enumerate(zip(prism.actuator_forces(q), _COLOURS, strict=True), 1):
         label = f"strut {i}: {force.min():.2f} to {force.max():.2f} N"
         axes.plot(t, force, color=colour, linewidth=1.8, label=label)
     tension = prism.cable_tensions(q)[0]
-    axes.plot(t, np.broadcast_to(tension, t.shape), color=_FAINT, linestyle=(0, (4, 2)), label="every cable's tension")
+    axes.plot(t, np.broadcast_to(tension, t.shape), color=FAINT, linestyle=(0, (4, 2)), label="every cable's tension")
     axes.set(xlabel="time [cycles]", ylabel="force [N]", xlim=(0, 1), ylim=(0, None))
     figure.legend(ncols=2, loc="outside lower center")
     return figure
@@ -66,7 +66,7 @@ def _thirds(x: np.ndarray, y: np.ndarray, table: np.ndarray) -> tuple[np.ndarray
 
 def _base(axes: Axes, prism: SpatialPrism) -> None:
     D = float(prism.design.D)
-    axes.add_patch(Polygon([node[:2] for node in prism.base], closed=True, fill=False, edgecolor=_INK, linewidth=0.8))
+    axes.add_patch(Polygon([node[:2] for node in prism.base], closed=True, fill=False, edgecolor=INK, linewidth=0.8))
     axes.set(aspect="equal", xlim=(-1.25 * D, 1.25 * D), ylim=(-1.25 * D, 1.25 * D), xlabel="x [m]")
 
 
@@ -77,11 +77,11 @@ def compliance(prism: SpatialPrism, x: np.ndarray, y: np.ndarray, z: float) -> t
     return 1000 * np.linalg.eigvalsh(c[:, :2, :2])[:, 1].reshape(x.shape), 1000 * c[:, 2, 2].reshape(x.shape)
 
 
-@_styled
+@styled
 def compliance_maps(prism: SpatialPrism) -> Figure:
     """How far the unloaded platform gives way to a force, sideways and along z, struts locked."""
     D = float(prism.design.D)
-    figure = _figure(8.4, 4.6)
+    figure = new_figure(8.4, 4.6)
     panels = figure.subplots(2, len(_HEIGHTS), sharex=True, sharey=True)
     tables = []
     for height in _HEIGHTS:
@@ -99,11 +99,11 @@ def compliance_maps(prism: SpatialPrism) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def unloading_maps(prism: SpatialPrism) -> Figure:
     """The smallest force, over the directions sideways, up and down, at which something goes slack or is lost."""
     D, k = float(prism.design.D), float(prism.design.k)
-    figure = _figure(8.4, 4.6)
+    figure = new_figure(8.4, 4.6)
     panels = figure.subplots(2, len(_HEIGHTS), sharex=True, sharey=True)
     angles = np.arange(12) * math.pi / 6
     sideways = np.stack([np.cos(angles), np.sin(angles), 0 * angles])
@@ -138,7 +138,7 @@ def _least(prism: SpatialPrism, r: tuple[Any, ...]) -> tuple[np.ndarray, np.ndar
     return np.min(prism.actuator_forces(q), axis=0), prism.strut_clearance(q)
 
 
-@_styled
+@styled
 def workspace(prism: SpatialPrism) -> Figure:
     """Where all struts push without a load, and where they come close to each other: four horizontal sections, and a
     vertical one.
@@ -146,7 +146,7 @@ def workspace(prism: SpatialPrism) -> Figure:
     D = float(prism.design.D)
     axis = np.linspace(-2.0 * D, 2.0 * D, 301)
     x, y = np.meshgrid(axis, axis)
-    figure = _figure(10.4, 5.2)
+    figure = new_figure(10.4, 5.2)
     panels = figure.subplots(2, 3).ravel()
     up = np.linspace(0.02 * D, 2.5 * D, 301)
     across, upwards = np.meshgrid(axis, up)
@@ -160,7 +160,7 @@ def workspace(prism: SpatialPrism) -> Figure:
     for axes, (first, second, _, title), (thrust, clearance) in zip(panels, sections, found, strict=False):
         image = axes.contourf(first, second, np.maximum(thrust, -1e-9), levels=levels[levels >= 0], cmap=_BLUES)
         if thrust.min() < 0 < thrust.max():
-            axes.contour(first, second, thrust, levels=[0.0], colors=[_INK], linewidths=1.0)
+            axes.contour(first, second, thrust, levels=[0.0], colors=[INK], linewidths=1.0)
         if clearance.min() < near < clearance.max():
             axes.contour(first, second, clearance, levels=[near], colors=[_COLOURS[1]], linewidths=1.0)
         flat = title != "y = 0"
@@ -170,9 +170,9 @@ def workspace(prism: SpatialPrism) -> Figure:
         axes.set(xlim=(axis[0], axis[-1]), ylim=(axis[0], axis[-1]) if flat else (0, up[-1]))
     panels[-1].set_axis_off()
     figure.colorbar(image, ax=panels[-1], shrink=0.9, location="left", label="smallest thrust of a strut [N]")
-    handles = [Line2D([], [], color=_INK, linewidth=0.8, label="base")]
+    handles = [Line2D([], [], color=INK, linewidth=0.8, label="base")]
     if any(thrust.min() < 0 for thrust, _ in found):
-        handles.append(Line2D([], [], color=_INK, linewidth=1.0, label="a strut stops pushing"))
+        handles.append(Line2D([], [], color=INK, linewidth=1.0, label="a strut stops pushing"))
     if any(clearance.min() < near for _, clearance in found):
         label = f"struts are {1000 * near:.3g} mm apart, closer outside"
         handles.append(Line2D([], [], color=_COLOURS[1], linewidth=1.0, label=label))
@@ -180,14 +180,14 @@ def workspace(prism: SpatialPrism) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def polar_limits(prism: SpatialPrism) -> Figure:
     """The force at which something goes slack over its direction, sideways, for positions on the axis."""
     D, k = float(prism.design.D), float(prism.design.k)
     angles = np.linspace(-math.pi, math.pi, 181)
-    figure = _figure(7.2, 3.4)
+    figure = new_figure(7.2, 3.4)
     axes = figure.subplots()
-    colours = {1: _COLOURS[1], 2: _COLOURS[0], 3: _INK}
+    colours = {1: _COLOURS[1], 2: _COLOURS[0], 3: INK}
     styles: dict[float, Any] = {0.5: "solid", 0.8: (0, (5, 2)), 1.1: (0, (1.5, 1.5))}  # by height, in base radii
     for height, style in styles.items():
         lengths = prism.inverse_kinematics((0.0, 0.0, height * D))
@@ -197,14 +197,14 @@ def polar_limits(prism: SpatialPrism) -> Figure:
             axes.plot(np.degrees(angles), without_jumps(force), color=colour, linestyle=style, linewidth=1.8)
     handles = [Line2D([], [], color=colours[event], label=text) for event, text in _EVENTS.items()]
     for height, style in styles.items():
-        handles.append(Line2D([], [], color=_FAINT, linestyle=style, label=f"z = {height * D:g} m"))
+        handles.append(Line2D([], [], color=FAINT, linestyle=style, label=f"z = {height * D:g} m"))
     axes.set(xlabel="direction of the sideways force [degrees from x]", ylabel="force [N]", xlim=(-180, 180))
     axes.set(ylim=(0, None), xticks=range(-180, 181, 60))
     figure.legend(handles=handles, ncols=2, loc="outside lower center")
     return figure
 
 
-@_styled
+@styled
 def pictures(prism: SpatialPrism) -> Figure:
     """The prism in space: at rest at two positions, and under two loads with the struts locked."""
     D, k = float(prism.design.D), float(prism.design.k)
@@ -215,7 +215,7 @@ def pictures(prism: SpatialPrism) -> Figure:
         (f"{k * D:g} N down", low, (0.0, 0.0, -k * D)),
         (f"{k * D:g} N along x", low, (k * D, 0.0, 0.0)),
     ]
-    figure = _figure(9.6, 3.2)
+    figure = new_figure(9.6, 3.2)
     for axes, (title, r, force) in zip(figure.subplots(1, 4, sharex=True, sharey=True), cases, strict=True):
         found = prism.loaded_equilibrium(prism.inverse_kinematics(r), force)
         if force != _STILL:
@@ -233,7 +233,7 @@ def _draw_prism(axes: Axes, prism: SpatialPrism, q: Any, ghost: bool = False) ->
     nodes = prism.nodes(q)
     at = {name: flatten(place) for name, place in nodes.items()}
     styles: dict[str, dict[str, Any]] = {
-        "actuator": {"color": _INK, "linewidth": 3.2},
+        "actuator": {"color": INK, "linewidth": 3.2},
         "spring": {"color": _COLOURS[2], "linewidth": 1.3},
         "cable": {"color": _COLOURS[1], "linewidth": 1.8},
     }
@@ -248,7 +248,7 @@ def _draw_prism(axes: Axes, prism: SpatialPrism, q: Any, ghost: bool = False) ->
         style = styles[member.kind]
         if ghost:
             if member.kind == "cable":
-                axes.plot(x, y, color=_FAINT, linewidth=0.9, linestyle=(0, (3, 2)), zorder=1)
+                axes.plot(x, y, color=FAINT, linewidth=0.9, linestyle=(0, (3, 2)), zorder=1)
             continue
         if member.kind == "spring":
             t = np.linspace(0, 1, 200)
@@ -261,7 +261,7 @@ def _draw_prism(axes: Axes, prism: SpatialPrism, q: Any, ghost: bool = False) ->
         axes.plot(x, y, **style, zorder=2 + order)
     if not ghost:
         axes.plot(
-            *zip(*(at[name] for name in at if name != "P"), strict=True), "o", color=_INK, markersize=2.6, zorder=20
+            *zip(*(at[name] for name in at if name != "P"), strict=True), "o", color=INK, markersize=2.6, zorder=20
         )
 
 

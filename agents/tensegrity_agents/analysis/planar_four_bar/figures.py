@@ -1,6 +1,6 @@
 """Figures of the planar 4-bar mechanism, after those of [Ji2014] with their boundaries corrected; and its statics.
 
-Every function takes a mechanism and returns a `matplotlib.figure.Figure`; see `reporting.figures` for the style.
+Every function takes a mechanism and returns a `matplotlib.figure.Figure`; see `reporting.style`.
 """
 
 import math
@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from shapely.plotting import patch_from_polygon
 
-from tensegrity_agents.reporting.figures import _AREA, _BAD, _FAINT, _GOOD, _INK, _figure, _styled
+from tensegrity_agents.reporting.style import AREA, BAD, FAINT, GOOD, INK, new_figure, styled
 from tensegrity_envs.mechanics.overlay import Image, closed
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 from tensegrity_envs.mechanics.planar_four_bar.singularities import SINGULARITIES
@@ -34,15 +34,15 @@ def draw(
     arm: PlanarFourBar,
     q: Sequence[float],
     lengths: Sequence[float],
-    colour: str = _INK,
+    colour: str = INK,
     labels: bool = True,
 ) -> None:
     """The mechanism: bars thick, springs thin, actuators dashed, F as a dot."""
     nodes = arm.nodes(tuple(q), tuple(lengths))
     styles: dict[str, dict[str, Any]] = {
         "bar": {"color": colour, "linewidth": 2.4},
-        "spring": {"color": _GOOD, "linewidth": 0.9},
-        "actuator": {"color": _FAINT, "linewidth": 1.3, "linestyle": _DASHED},
+        "spring": {"color": GOOD, "linewidth": 0.9},
+        "actuator": {"color": FAINT, "linewidth": 1.3, "linestyle": _DASHED},
     }
     for member in arm.members:
         axes.plot(*np.array([nodes[name] for name in member.nodes]).T, **styles[member.kind])
@@ -70,26 +70,26 @@ def _zero_curves(arm: PlanarFourBar, name: str, side: int) -> list[np.ndarray]:
     return [np.asarray(line) for line in lines]
 
 
-@_styled
+@styled
 def actuator_workspaces(arm: PlanarFourBar) -> Figure:
     """Actuator workspace with singular curves [Ji2014, figure 2]: what is stable in which mode."""
     l = float(arm.length)
-    figure = _figure(7.4, 4.1)
+    figure = new_figure(7.4, 4.1)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     arc = np.linspace(0, math.pi / 2, 200)
     for axes, side in zip(panels, (1, -1), strict=True):
         axes.fill([0, 2 * l, 2 * l, 0], [0, 0, 2 * l, 2 * l], color="#f0ece2")
-        axes.fill(*closed(actuator_workspace(arm).trace(128).rings[0].points).T, color=_AREA)
+        axes.fill(*closed(actuator_workspace(arm).trace(128).rings[0].points).T, color=AREA)
         lobe = actuator_workspace(arm, "paper", side).trace(128)
         for component in lobe.components:
             axes.fill(*component.outer.points.T, color="#b9d3ec")
-        axes.plot(2 * l * np.cos(arc), 2 * l * np.sin(arc), color=_BAD, linewidth=2)
-        axes.plot([0, 0, 2 * l], [2 * l, 0, 0], color=_INK, linewidth=2)
-        axes.plot([0, 2 * l, 2 * l], [2 * l, 2 * l, 0], color=_INK, linewidth=1, linestyle=_DASHED)
+        axes.plot(2 * l * np.cos(arc), 2 * l * np.sin(arc), color=BAD, linewidth=2)
+        axes.plot([0, 0, 2 * l], [2 * l, 0, 0], color=INK, linewidth=2)
+        axes.plot([0, 2 * l, 2 * l], [2 * l, 2 * l, 0], color=INK, linewidth=1, linestyle=_DASHED)
         for name, colour in (("vii: B, C, F aligned", _COLOURS[0]), ("vii: A, D, M aligned", _COLOURS[2])):
             for curve in _zero_curves(arm, name, side):
                 axes.plot(*curve.T, color=colour, linewidth=1.4)
-        axes.plot(l, l, "o", color=_BAD, markersize=5)
+        axes.plot(l, l, "o", color=BAD, markersize=5)
         for text, at in (("i", (0.01, 0.5)), ("ii", (0.5, 0.01)), ("iii", (0.95, 0.4)), ("iv", (0.4, 0.95))):
             axes.annotate(text, (2 * l * at[0], 2 * l * at[1]), fontsize=9, ha="left", va="bottom")
         axes.annotate("v", (1.94 * l, 1.94 * l), fontsize=9, ha="right", va="top")
@@ -97,10 +97,10 @@ def actuator_workspaces(arm: PlanarFourBar) -> Figure:
         axes.set(aspect="equal", xlabel=r"$\rho_1$ [m]", title=f"side {side:+d}")
     panels[0].set_ylabel(r"$\rho_2$ [m]")
     handles = [
-        Patch(color=_AREA, label="rectangle stable"),
+        Patch(color=AREA, label="rectangle stable"),
         Patch(color="#b9d3ec", label=r"and $0 < \theta, \gamma < \pi$"),
         Patch(color="#f0ece2", label="flat stable"),
-        Line2D([], [], color=_BAD, label=r"pitchfork $\rho_1^2 + \rho_2^2 = 4L^2$ (not in the paper)"),
+        Line2D([], [], color=BAD, label=r"pitchfork $\rho_1^2 + \rho_2^2 = 4L^2$ (not in the paper)"),
         Line2D([], [], color=_COLOURS[0], label=r"vii: $\sin(\beta + \gamma) = 0$"),
         Line2D([], [], color=_COLOURS[2], label=r"vii: $\Phi_3$ = 0"),
     ]
@@ -122,11 +122,11 @@ def _circle(axes: Axes, x: float, y: float, radius: float, label: str, colour: s
     )
 
 
-@_styled
+@styled
 def output_workspaces(arm: PlanarFourBar, workspaces: Mapping[str, Image]) -> Figure:
     """Output workspaces by mode with singular curves [Ji2014, figure 3]; the boundaries that it lacks in red."""
     l = float(arm.length)
-    figure = _figure(7.6, 3.4)
+    figure = new_figure(7.6, 3.4)
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
     titles = {"rectangle": "all rectangles", "paper": r"$0 < \theta, \gamma < \pi$", "flat": "flat"}
     for axes, (mode, title) in zip(panels, titles.items(), strict=True):
@@ -139,17 +139,17 @@ def output_workspaces(arm: PlanarFourBar, workspaces: Mapping[str, Image]) -> Fi
                     for ring, source in zip(sheet.rings, sheet.source.rings, strict=True):
                         on = source.conditions == wanted
                         points = np.where((on | np.roll(on, 1))[:, None], ring, np.nan)
-                        axes.plot(*closed(points).T, color=_BAD, linewidth=1.8, linestyle=dashes)
-            _circle(axes, 0, 0, l, "i: x² + y² = L²", _INK, "solid")
-            _circle(axes, 2 * l, 0, l, "iii as printed", _FAINT, _DOTTED)
+                        axes.plot(*closed(points).T, color=BAD, linewidth=1.8, linestyle=dashes)
+            _circle(axes, 0, 0, l, "i: x² + y² = L²", INK, "solid")
+            _circle(axes, 2 * l, 0, l, "iii as printed", FAINT, _DOTTED)
             _circle(axes, l / 2, l * math.sqrt(3) / 2, l, "vi: about C = D", _COLOURS[2], _DASHED)
             _circle(axes, l, 0, 2 * l, r"viii: $\sin(\beta + \gamma) = 0$", _COLOURS[0], "solid")
-        axes.plot([0, l], [0, 0], "o", color=_INK, markersize=3)
+        axes.plot([0, l], [0, 0], "o", color=INK, markersize=3)
         axes.set(aspect="equal", title=f"{title}: {found.area():.4g} m²", xlabel="x [m]")
         axes.set(xlim=(-1.15 * l, 2.1 * l), ylim=(-0.5 * l, 2.1 * l))
     panels[0].set_ylabel("y [m]")
     handles, labels = panels[0].get_legend_handles_labels()
-    handles += [Line2D([], [], color=_BAD, linewidth=1.8, linestyle=dashes) for dashes in ("solid", _DASHED)]
+    handles += [Line2D([], [], color=BAD, linewidth=1.8, linestyle=dashes) for dashes in ("solid", _DASHED)]
     labels += [r"$\Phi_3$ = 0, |AM| = 3L/2: not in the paper", r"$\Phi_3$ = 0, |AM| = L/2: not in the paper"]
     counts: list[Any] = [Patch(color=colour, label=str(n + 1)) for n, colour in enumerate(_COUNTS[:4])]
     handles += counts
@@ -158,7 +158,7 @@ def output_workspaces(arm: PlanarFourBar, workspaces: Mapping[str, Image]) -> Fi
     return figure
 
 
-@_styled
+@styled
 def singular_postures(arm: PlanarFourBar) -> Figure:
     """The mechanism at, or next to, every singular configuration, and what the paper says wrongly about it."""
     l = float(arm.length)
@@ -181,13 +181,13 @@ def singular_postures(arm: PlanarFourBar) -> Figure:
         (r"both: $\rho_1 = \rho_2 = 2L/\sqrt{3}$", (special, special)),
         (r"pitchfork: $\rho_1^2 + \rho_2^2 = 4L^2$", (1.2 * l, 1.6 * l - near)),
     ]
-    figure = _figure(7.6, 3.4)
+    figure = new_figure(7.6, 3.4)
     panels = figure.subplots(2, 5, sharex=True, sharey=True).ravel()
     for axes, (title, lengths) in zip(panels, cases, strict=True):
         if title.startswith("vi:"):
             for gamma in (0.6, 1.2, 1.9, 2.6):
                 first = gamma == 0.6
-                draw(axes, arm, (math.pi - gamma, gamma), lengths, _INK if first else "#b8bfc8", first)
+                draw(axes, arm, (math.pi - gamma, gamma), lengths, INK if first else "#b8bfc8", first)
         else:
             flat = arm.flatness(lengths)[1] <= 0
             q, _ = arm.flat(lengths) if flat else arm.rectangle(lengths, 1)
@@ -202,7 +202,7 @@ def singular_postures(arm: PlanarFourBar) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def thrust_map(arm: PlanarFourBar) -> Figure:
     """Thrusts of both actuators over the lengths, unloaded: compression blue, tension red; they change sign inside."""
     l, force = float(arm.length), float(arm.largest_force)
@@ -212,26 +212,26 @@ def thrust_map(arm: PlanarFourBar) -> Figure:
     inside = (rest > 0) & (square > 1e-9)
     with np.errstate(all="ignore"):
         thrusts = arm.thrusts(arm.rectangle(lengths, 1)[0], lengths)
-    figure = _figure(7.4, 3.4)
+    figure = new_figure(7.4, 3.4)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, values, name in zip(panels, thrusts, ("actuator AC, p1", "actuator BD, p2"), strict=True):
         shown = np.where(inside, values / force, np.nan)
         image = axes.contourf(rho, rho, shown, levels=np.linspace(-2, 2, 21), cmap="RdBu")
-        axes.contour(rho, rho, shown, levels=[0.0], colors=_INK, linewidths=1.2)
+        axes.contour(rho, rho, shown, levels=[0.0], colors=INK, linewidths=1.2)
         axes.set(aspect="equal", title=name, xlabel=r"$\rho_1$ [m]")
     panels[0].set_ylabel(r"$\rho_2$ [m]")
     figure.colorbar(image, ax=list(panels), shrink=0.85, label="thrust / (K L), compression positive [-]")
     return figure
 
 
-@_styled
+@styled
 def energy_landscape(arm: PlanarFourBar, lengths: tuple[float, float]) -> Figure:
     """Energy over (theta, gamma) with all equilibria, and the two stable mirror images."""
     scale = float(arm.stiffness) * float(arm.length) ** 2
     first = -0.6  # so that all equilibria of the published design are well inside
     angles = first + np.linspace(0, 2 * math.pi, 300)
     energy = arm.potential_energy((angles[None, :], angles[:, None]), lengths) / scale
-    figure = _figure(7.4, 3.8)
+    figure = new_figure(7.4, 3.8)
     left, right = figure.subplots(1, 2)
     image = left.contourf(angles, angles, energy, levels=24, cmap="viridis")
     found = arm.equilibria(lengths)
@@ -239,11 +239,11 @@ def energy_landscape(arm: PlanarFourBar, lengths: tuple[float, float]) -> Figure
     for state in found:
         face = _COLOURS[4] if state.is_stable else "white"
         place = [(angle - first) % (2 * math.pi) + first for angle in state.configuration]
-        left.plot(*place, markers[state.type], color=face, markeredgecolor=_INK, markersize=6)
+        left.plot(*place, markers[state.type], color=face, markeredgecolor=INK, markersize=6)
     used = {state.type: state.is_stable for state in found}
     handles = [
         Line2D([], [], linestyle="", marker=markers[kind], markerfacecolor=_COLOURS[4] if stable else "white",
-               markeredgecolor=_INK, label=f"{kind}, {'stable' if stable else 'unstable'}")
+               markeredgecolor=INK, label=f"{kind}, {'stable' if stable else 'unstable'}")
         for kind, stable in used.items()
     ]  # fmt: skip
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)

@@ -1,6 +1,6 @@
 """Figures of the dual-triangle arm, after those of [Zhao2021], for any design; and what the paper leaves out: loads.
 
-Every function takes a mechanism and returns a `matplotlib.figure.Figure`; see `reporting.figures` for the style.
+Every function takes a mechanism and returns a `matplotlib.figure.Figure`; see `reporting.style`.
 """
 
 import math
@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from tensegrity_agents.reporting.dual_triangle_fields import STEEP, Field, beyond, maximum, region_of, room, stiffness
-from tensegrity_agents.reporting.figures import _FAINT, _INK, _figure, _note, _styled, without_jumps
+from tensegrity_agents.reporting.style import FAINT, INK, new_figure, note, styled, without_jumps
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
@@ -32,11 +32,11 @@ def _symmetric(arm: DualTriangle) -> tuple[float, float, float, float]:
     return float(d.a1), float(d.b1), float(d.k1), float(d.free_length1)
 
 
-@_styled
+@styled
 def torque_curves(arm: DualTriangle) -> Figure:
     """Torque over angle for several nominal free lengths and no control input [Zhao2021, figure 2], with equilibria."""
     a, b, k, nominal = _symmetric(arm)
-    figure = _figure(7.2, 3.6)
+    figure = new_figure(7.2, 3.6)
     panels = figure.subplots(1, 2, sharey=True)
     flat = 0.5 * b  # a design that can be bistable, beside the given one
     for axes, half_width in zip(panels, (a, flat), strict=True):
@@ -52,23 +52,23 @@ def torque_curves(arm: DualTriangle) -> Figure:
             for found in segment.equilibria(pair):
                 face = colour if found.is_stable else "white"
                 axes.plot(found.configuration[0], 0.0, "o", markersize=4.5, color=face, markeredgecolor=colour)
-        axes.axhline(0, color=_INK, linewidth=0.8)
+        axes.axhline(0, color=INK, linewidth=0.8)
         axes.set_title(f"a/b = {half_width / b:.3g}; monotone for L0/b > {threshold / b:.3g}")
         axes.set_xlabel("q [rad]")
     panels[0].set_ylabel("torque of the springs, M / (k b²) [-]")
     handles = [
         *panels[0].get_legend_handles_labels()[0],
-        Line2D([], [], linestyle="", marker="o", color=_INK, label="stable"),
-        Line2D([], [], linestyle="", marker="o", color="white", markeredgecolor=_INK, label="unstable"),
+        Line2D([], [], linestyle="", marker="o", color=INK, label="stable"),
+        Line2D([], [], linestyle="", marker="o", color="white", markeredgecolor=INK, label="unstable"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
     return figure
 
 
-@_styled
+@styled
 def control_and_sensitivity(arms: Sequence[tuple[str, DualTriangle]]) -> Figure:
     """Control input and sensitivity over the desired angle [Zhao2021, figure 3], and the limits of the free lengths."""
-    figure = _figure(7.2, 3.4)
+    figure = new_figure(7.2, 3.4)
     panels = figure.subplots(1, 2)
     for colour, (name, arm) in zip(_COLOURS, arms, strict=False):
         _, b, _, nominal = _symmetric(arm)
@@ -82,9 +82,9 @@ def control_and_sensitivity(arms: Sequence[tuple[str, DualTriangle]]) -> Figure:
     panels[0].set(xlabel="desired angle q [rad]", ylabel="control input Δ / b [-]")
     panels[1].set(xlabel="desired angle q [rad]", ylabel="sensitivity dΔ/dq / b [-]", ylim=(0, None))
     for axes in panels:
-        axes.axvline(0, color=_FAINT, linewidth=0.6)
+        axes.axvline(0, color=FAINT, linewidth=0.6)
     handles = panels[0].get_legend_handles_labels()[0]
-    handles.append(Line2D([], [], color=_INK, linestyle=(0, (2, 2)), linewidth=1.0, label="a free length is negative"))
+    handles.append(Line2D([], [], color=INK, linestyle=(0, (2, 2)), linewidth=1.0, label="a free length is negative"))
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return figure
 
@@ -101,11 +101,11 @@ def draw_arm(axes: Axes, arm: DualTriangle, q: Sequence[float], colour: str, lab
     axes.plot(*nodes["P"], "o", markersize=4, color=colour, label=label)
 
 
-@_styled
+@styled
 def redundancy(arm: DualTriangle, targets: Sequence[tuple[float, float]]) -> Figure:
     """Postures that the three objectives choose for the same targets [Zhao2021, figure 5], from the paper's start."""
     start = (-0.1, 0.1, 0.1)
-    figure = _figure(7.4, 4.2 * math.ceil(len(targets) / 2))
+    figure = new_figure(7.4, 4.2 * math.ceil(len(targets) / 2))
     panels = np.atleast_1d(figure.subplots(math.ceil(len(targets) / 2), 2, sharex=True, sharey=True)).ravel()
     _, b, _, _ = _symmetric(arm)
     for axes, target in zip(panels, targets, strict=False):
@@ -114,7 +114,7 @@ def redundancy(arm: DualTriangle, targets: Sequence[tuple[float, float]]) -> Fig
             if found.is_reachable:
                 text = ", ".join(f"{angle:.2f}" for angle in found.configuration)
                 draw_arm(axes, arm, found.configuration, colour, f"{label}: {text}")
-        axes.plot(*target, "x", color=_INK, markersize=7)
+        axes.plot(*target, "x", color=INK, markersize=7)
         axes.set(aspect="equal", title=f"target ({target[0] / b:.3g} b, {target[1] / b:.3g} b)")
         axes.legend(title="angles [rad]", loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=1, fontsize=7.5)
         axes.set(xlabel="x [m]", ylabel="y [m]")
@@ -124,10 +124,10 @@ def redundancy(arm: DualTriangle, targets: Sequence[tuple[float, float]]) -> Fig
     return figure
 
 
-@_styled
+@styled
 def control_over_targets(arms: Sequence[tuple[str, DualTriangle]]) -> Figure:
     """Control inputs along lines of targets x = const [Zhao2021, figure 6], for each design, by objective (c)."""
-    figure = _figure(7.4, 2.5 * len(arms))
+    figure = new_figure(7.4, 2.5 * len(arms))
     panels = figure.subplots(len(arms), 3, sharex=True, squeeze=False)
     for row, (name, arm) in zip(panels, arms, strict=True):
         _, b, _, nominal = _symmetric(arm)
@@ -148,11 +148,11 @@ def control_over_targets(arms: Sequence[tuple[str, DualTriangle]]) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def buckling(arm: DualTriangle) -> Figure:
     """Straight and buckled equilibria over an axial push: tip deflection and smallest stiffness."""
     _, b, k, _ = _symmetric(arm)
-    figure = _figure(7.4, 3.5)
+    figure = new_figure(7.4, 3.5)
     panels = figure.subplots(1, 2)
     critical = [float(load) for load in arm.straight_critical_loads()]
     most = 3 * critical[0]
@@ -160,9 +160,9 @@ def buckling(arm: DualTriangle) -> Figure:
     zeros = (np.zeros(1),) * arm.segments
     lengths = arm.free_lengths((0.0,) * arm.segments)
     margin = np.array([float(arm.stability_margin(zeros, lengths, (-p, 0.0))[0]) for p in straight])
-    panels[1].plot(straight / (k * b), margin, color=_INK, label="straight")
+    panels[1].plot(straight / (k * b), margin, color=INK, label="straight")
     for ok, style in ((margin > 0, "-"), (margin <= 0, (0, (3, 2)))):
-        panels[0].plot(straight[ok] / (k * b), 0 * straight[ok], color=_INK, linestyle=style)
+        panels[0].plot(straight[ok] / (k * b), 0 * straight[ok], color=INK, linestyle=style)
     for mode, colour in zip(range(1, 3), _COLOURS, strict=False):
         if critical[mode - 1] > most:
             continue
@@ -185,16 +185,16 @@ def buckling(arm: DualTriangle) -> Figure:
     panels[0].plot(load, y / b, color=_COLOURS[2], linewidth=1.1)
     panels[1].plot(load, bent.stability_margin, color=_COLOURS[2], label="bent by 0.05 rad per joint", linewidth=1.1)
     for axes in panels:
-        axes.axvline(critical[0] / (k * b), color=_FAINT, linewidth=0.8, linestyle=(0, (1, 2)))
+        axes.axvline(critical[0] / (k * b), color=FAINT, linewidth=0.8, linestyle=(0, (1, 2)))
         axes.set_xlabel("push / (k b) [-]")
     panels[0].set_ylabel("tip deflection y / b [-]")
     panels[1].set(ylabel="smallest stiffness / (k b²) [-]")
-    panels[1].axhline(0, color=_INK, linewidth=0.6)
+    panels[1].axhline(0, color=INK, linewidth=0.6)
     handles = panels[1].get_legend_handles_labels()[0]
     handles += [
-        Line2D([], [], color=_INK, linestyle=(0, (3, 2)), label="unstable"),
-        Line2D([], [], color=_FAINT, linestyle=(0, (1, 2)), label="critical push"),
-        Line2D([], [], color=_INK, linestyle="", marker="s", markersize=4, label="an angle reaches its limit"),
+        Line2D([], [], color=INK, linestyle=(0, (3, 2)), label="unstable"),
+        Line2D([], [], color=FAINT, linestyle=(0, (1, 2)), label="critical push"),
+        Line2D([], [], color=INK, linestyle="", marker="s", markersize=4, label="an angle reaches its limit"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
@@ -205,22 +205,22 @@ def _filled(axes: Axes, field: Field, values: np.ndarray, **colours: Any) -> Any
     inside = field.value > 0
     drawn = axes.contourf(field.x, field.y, beyond(values, inside), **colours)
     if inside.any():
-        edge = axes.contour(field.x, field.y, field.value, levels=[0.0], colors=[_INK], linewidths=0.9)
+        edge = axes.contour(field.x, field.y, field.value, levels=[0.0], colors=[INK], linewidths=0.9)
         drawn.set_clip_path(edge.get_paths()[0], transform=axes.transData)
     else:
         drawn.set_visible(False)
-        _note(axes, "nothing can be held")
+        note(axes, "nothing can be held")
     axes.set(aspect="equal", xlabel="x / b [-]")
     axes.grid(visible=False)
     return drawn
 
 
-@_styled
+@styled
 def workspace(arm: DualTriangle) -> Figure:
     """Where the tip can be without a load: how far the best posture is from its limits, and the arm in three places."""
     _, b, _, _ = _symmetric(arm)
     field = maximum(arm, room(arm), _FINE)
-    figure = _figure(6.4, 4.8)
+    figure = new_figure(6.4, 4.8)
     axes = figure.subplots()
     levels = MaxNLocator(9).tick_values(0, field.value.max())
     image = _filled(axes, field, field.value, levels=levels, cmap=_BLUES)
@@ -233,11 +233,11 @@ def workspace(arm: DualTriangle) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def loaded_workspace(arm: DualTriangle, multiples: Sequence[float] = (0.0, 0.75, 1.0, 1.5)) -> Figure:
     """Where the tip can be held stably, within all limits, under axial pushes: the best stiffness of the postures."""
     critical = float(arm.straight_critical_loads()[0])
-    figure = _figure(9.0, 3.0)
+    figure = new_figure(9.0, 3.0)
     panels = figure.subplots(1, len(multiples), sharex=True, sharey=True)
     fields = [maximum(arm, stiffness(arm, (-multiple * critical, 0.0)), _FINE) for multiple in multiples]
     levels = MaxNLocator(11).tick_values(0, max(float(field.value.max()) for field in fields))
@@ -249,7 +249,7 @@ def loaded_workspace(arm: DualTriangle, multiples: Sequence[float] = (0.0, 0.75,
     return figure
 
 
-@_styled
+@styled
 def critical_load_map(arm: DualTriangle) -> Figure:
     """The axial push at which a tip position can no longer be held, with the best and with the worst posture there."""
     _, b, k, _ = _symmetric(arm)
@@ -267,7 +267,7 @@ def critical_load_map(arm: DualTriangle) -> Figure:
     top = float(np.nanpercentile(highest, 95))
     low = max(float(np.nanmin(lowest)), top / 100)
     levels = np.geomspace(low, top, 15)
-    figure = _figure(8.6, 3.6)
+    figure = new_figure(8.6, 3.6)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, values, title in zip(panels, (highest, lowest), ("best posture", "worst posture"), strict=True):
         image = _filled(

@@ -87,7 +87,7 @@ def write_page(
         "reach": float(mechanism.reach),
         "selfMotion": not mechanism.design.a,  # then the base is reached by infinitely many configurations
     }
-    template = Path(__file__).with_name("analysis_page.html").read_text()
+    template = Path(__file__).with_name("page.html").read_text()
     text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
     safe = title.replace("&", "&amp;").replace("<", "&lt;")
     path.write_text(template.replace("__TITLE__", safe).replace("__DATA__", text))

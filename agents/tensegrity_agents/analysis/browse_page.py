@@ -1,7 +1,7 @@
 """One self-contained HTML page to browse a workspace of any mechanism: axes, regions, and the arm at points of a grid.
 
 No script or data is loaded from anywhere. What is shown at a point has been computed for it, so that the page knows no
-equation; the 2-X has a page that solves its inverse kinematics at every point (`analysis_page`).
+equation; the 2-X has a page that solves its inverse kinematics at every point (`analysis.two_x.page`).
 """
 
 import json
