@@ -1,24 +1,28 @@
 """The native vector environment: a `gymnasium.vector.VectorEnv` shell over a `Core`."""
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from tensegrity_envs import columns
+from tensegrity_envs.compiler.pytree import empty_matrix
 from tensegrity_envs.core import Core, InfoEntry
 from tensegrity_envs.environments import core_of
 from tensegrity_envs.episodes import EpisodeQueue, checked_options
 from tensegrity_envs.rendering import checked_size
 from tensegrity_envs.seeding import checked_episode, checked_seed
-from tensegrity_envs.simulation.protocol import RUNNING, Episode
+from tensegrity_envs.simulation.protocol import Episode
 from tensegrity_envs.vector_info import InfoTable
 from tensegrity_envs.vector_rendering import Tiles
 
 _AHEAD = 4  # episodes drawn ahead for each environment
 _LONGEST = 2**31  # steps
 _INFOS = ("full", "goal", "none")
+_NOBODY = np.zeros(0, np.int64)
 
 
 class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
@@ -98,6 +102,9 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         self._ended = np.zeros(self.num_envs, bool)  # in the last step, and not begun anew yet
         self._episodes: np.ndarray | None = None  # one column for each environment
         self._outcomes: np.ndarray  # of the last step, likewise
+        self._some_ended = False
+        self._index = np.zeros(self.num_envs + 1, np.int64)  # of those that ended, and how many
+        self._wrong = np.zeros(1, np.int64)
         self._table: InfoTable | None = None
 
     @property
@@ -149,14 +156,17 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             if seeds[i] is not None or episodes[i] is not None:
                 self._queue.restart(int(i), seeds[i], episodes[i] or 0)
         self._begin(np.flatnonzero(mask))
-        self._ended[mask] = False
+        self._ended = self._ended & ~mask
+        self._some_ended = bool(self._ended.any())
         self._is_staggered &= not mask.all()
         if stagger and self.max_episode_steps is not None:
             self._is_staggered = True
             self._ahead_of_time[mask] = (np.arange(self.num_envs) * self.max_episode_steps // self.num_envs)[mask]
         if self._tiles is not None:
             self._tiles.follow(self._outcomes, mask)
-        return self._observation(self._outcomes), self._info(self._outcomes, None if mask.all() else mask)
+        return self._observation(self._outcomes), self._info(
+            self._outcomes, None if mask.all() else np.flatnonzero(mask)
+        )
 
     def _for_each(self, given: Any, what: str, check: Callable[[Any], int], later: int) -> list[int | None]:
         """The checked numbers of all environments, from one number, a list of numbers or None.
@@ -178,77 +188,65 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             ValueError: the actions are not a finite array of shape (num_envs, action size).
             RuntimeError: before the first reset; autoreset is disabled, and an episode that has ended was not reset.
         """
-        episodes, renewed = self._running(), np.flatnonzero(self._ended)
+        episodes, skipped = self._running(), self._ended
+        renewed = np.flatnonzero(skipped) if self._some_ended else _NOBODY
         if len(renewed) and self.autoreset_mode is AutoresetMode.DISABLED:
             raise RuntimeError(
                 f"the episodes of environments {renewed.tolist()} have ended, and autoreset is disabled: "
                 'call reset(options={"reset_mask": terminated | truncated}) first'
             )
-        columns = self._checked_actions(actions, renewed)
+        actions = self._checked_actions(actions, skipped)
         if len(renewed):  # their action is ignored; stepping them along and putting them back keeps it one batch
             self._begin(renewed)
-            first = self._outcomes[:, renewed]
-            columns[:, renewed] = 0.0
-        outcomes = self.core.step(episodes, self._outcomes, columns)
-        self._steps += 1
+        outcomes = self.core.step(episodes, self._outcomes, actions)
         if len(renewed):
-            outcomes[:, renewed] = first
-            self._steps[renewed] = 0
+            columns.put_back.run(self._outcomes, renewed, outcomes)
         self._outcomes = outcomes
-        rows = self.core.outcomes.rows
-        reward = outcomes[rows.reward].copy()
-        reward[renewed] = 0.0
-        terminated = outcomes[rows.state.failure] != RUNNING
-        truncated = np.zeros(self.num_envs, bool)
-        if self.max_episode_steps is not None:
-            truncated = self._steps + self._ahead_of_time >= self.max_episode_steps
-            truncated[renewed] = False
-        self._ended = terminated | truncated
+        n = self.num_envs
+        reward, flags, ended = np.empty(n), np.empty((2, n), bool), np.empty(n, bool)
+        columns.ends.run(
+            self._rows_of_ends, outcomes, skipped, self._steps, self._ahead_of_time, reward, flags, ended, self._index
+        )
+        count = int(self._index[n])
+        self._ended, self._some_ended = ended, count > 0
         if self._tiles is not None:
-            self._tiles.follow(outcomes, np.isin(np.arange(self.num_envs), renewed))
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
-            observation, info = self._same_step()
-        else:
-            observation, info = self._observation(outcomes), self._info(outcomes)
+            self._tiles.follow(outcomes, skipped)
+        final = self._same_step(count) if count and self.autoreset_mode is AutoresetMode.SAME_STEP else {}
+        observation, info = self._observation(self._outcomes), self._info(self._outcomes)
+        info.update(final)
+        terminated, truncated = flags
         return observation, reward, terminated, truncated, info
 
-    def _checked_actions(self, actions: Any, ignored: np.ndarray) -> np.ndarray:
-        """The actions as columns, clipped to [-1, 1]."""
+    def _checked_actions(self, actions: Any, skipped: np.ndarray) -> np.ndarray:
+        """The actions as columns, clipped to [-1, 1]; those that are skipped are 0."""
         array = np.asarray(actions)
         if array.shape != self.action_space.shape:
             raise ValueError(
                 f"actions of shape {array.shape}: must be {self.action_space.shape}, increments in [-1, 1]"
             )
-        columns = np.array(array.T, float, order="C")
-        if not np.isfinite(columns.sum()):  # a sum is cheaper, and is finite where all are (but for huge numbers)
-            fine = np.isfinite(columns).all(axis=0)
-            fine[ignored] = True
-            if not fine.all():
-                raise ValueError(f"actions: environment {int(np.argmin(fine))} got one that is not finite")
-        np.maximum(columns, -1.0, out=columns)
-        np.minimum(columns, 1.0, out=columns)
-        return columns
+        given = empty_matrix(array.shape[1], array.shape[0])
+        if array.dtype == np.float32:
+            columns.actions_of_singles.run(np.ascontiguousarray(array), skipped, given, self._wrong)
+        else:
+            columns.actions_of_doubles.run(np.ascontiguousarray(array, float), skipped, given, self._wrong)
+        if self._wrong[0] < self.num_envs:
+            raise ValueError(f"actions: environment {self._wrong[0]} got one that is not finite")
+        return given
 
-    def _same_step(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin the next episodes; what was last seen of those that ended moves into final_obs and final_info."""
-        ended, outcomes = self._ended, self._outcomes
-        index = np.flatnonzero(ended)
+    def _same_step(self, count: int) -> dict[str, Any]:
+        """Begin the next episodes of those that ended; what was last seen of them, as entries of info."""
+        ended, index = self._ended, self._index[:count].copy()
         final = np.full(self.num_envs, None, object)
-        last = self._observation(outcomes, index)
-        each = [  # written out: where many episodes end, this takes long
-            {"observation": o, "achieved_goal": a, "desired_goal": d}
-            for o, a, d in zip(last["observation"], last["achieved_goal"], last["desired_goal"], strict=True)
-        ]
-        final[index] = np.fromiter(each, object, len(each))
-        final_info = self._info(outcomes, ended)
+        last = self._observation(self._outcomes, index)
+        each = zip(last["observation"], last["achieved_goal"], last["desired_goal"], strict=True)
+        for i, (seen, achieved, desired) in zip(index.tolist(), each, strict=True):
+            final[i] = {"observation": seen, "achieved_goal": achieved, "desired_goal": desired}
+        final_info = self._info(self._outcomes, index)
         self._begin(index)
-        self._ended = np.zeros(self.num_envs, bool)
+        self._ended, self._some_ended = np.zeros(self.num_envs, bool), False
         if self._tiles is not None:
             self._tiles.follow(self._outcomes, ended)
-        info = self._info(self._outcomes)
-        info["final_obs"], info["_final_obs"] = final, ended
-        info["final_info"], info["_final_info"] = final_info, ended.copy()
-        return self._observation(self._outcomes), info
+        return {"final_obs": final, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}
 
     def _running(self) -> np.ndarray:
         if self._episodes is None:
@@ -259,8 +257,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         """Begin the next episode in the environments at `index`."""
         assert self._queue is not None
         if self._episodes is None:
-            episodes = np.empty((self.core.episodes.size, self.num_envs))
-            outcomes = np.empty((self.core.outcomes.size, self.num_envs))
+            episodes = empty_matrix(self.core.episodes.size, self.num_envs)
+            outcomes = empty_matrix(self.core.outcomes.size, self.num_envs)
         else:
             episodes, outcomes = self._episodes, self._outcomes
         self._queue.begin(index, episodes, outcomes)  # which changes nothing where drawing fails
@@ -268,28 +266,43 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         self._steps[index] = 0
         self._ahead_of_time[index] = 0
 
-    def _observation(self, outcomes: np.ndarray, index: Any = slice(None)) -> dict[str, np.ndarray]:
+    def _observation(self, outcomes: np.ndarray, index: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Of all environments, or of those at `index`."""
-        rows = self.core.outcomes.rows
-        seen = outcomes[rows.observation[0] : rows.desired[-1] + 1, index].T.astype(np.float32, order="C")
-        size, end = len(rows.observation), len(rows.observation) + len(rows.achieved)
-        return {
-            "observation": seen[:, :size],
-            "achieved_goal": seen[:, size:end],
-            "desired_goal": seen[:, end:],
-        }
+        count = self.num_envs if index is None else len(index)
+        seen, achieved, desired = (np.empty((count, size), np.float32) for size in self._seen_sizes)
+        if index is None:
+            columns.see.run(self._rows_seen, outcomes, seen, achieved, desired)
+        else:
+            columns.see_some.run(self._rows_seen, outcomes, index, seen, achieved, desired)
+        return {"observation": seen, "achieved_goal": achieved, "desired_goal": desired}
 
-    def _info(self, outcomes: np.ndarray, mask: np.ndarray | None = None) -> dict[str, Any]:
-        """The info of some outcomes, of all environments or of those in the mask; zero for all others."""
-        if self._table is None:
-            self._table = InfoTable(self._entries(), self.num_envs)
+    @cached_property
+    def _rows_seen(self) -> np.ndarray:
+        rows = self.core.outcomes.rows
+        return np.array([rows.observation[0], rows.achieved[0], rows.desired[0]], np.int64)
+
+    @cached_property
+    def _seen_sizes(self) -> tuple[int, int, int]:
+        rows = self.core.outcomes.rows
+        return len(rows.observation), len(rows.achieved), len(rows.desired)
+
+    @cached_property
+    def _rows_of_ends(self) -> np.ndarray:
+        rows = self.core.outcomes.rows
+        limit = -1 if self.max_episode_steps is None else self.max_episode_steps
+        return np.array([rows.reward, rows.state.failure, limit], np.int64)
+
+    def _info(self, outcomes: np.ndarray, index: np.ndarray | None = None) -> dict[str, Any]:
+        """The info of some outcomes, of all environments or of those at `index`; zero for all others."""
         if self._wanted == "none":
             return {}
+        if self._table is None:
+            self._table = InfoTable(self._entries(), self.num_envs)
         limits = None
         if self._is_staggered:
             assert self.max_episode_steps is not None
             limits = self.max_episode_steps - self._ahead_of_time
-        return self._table.told(outcomes, self._steps, mask, limits)
+        return self._table.told(outcomes, self._steps, index, limits)
 
     def _entries(self) -> list[InfoEntry]:
         """Those of `info` that are wanted."""
@@ -334,9 +347,11 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
                 raise ValueError(f"state: {name!r} must be an array of shape ({n},), as get_state() returned it")
         if not isinstance(state.get("is_staggered"), bool):
             raise ValueError("state: 'is_staggered' must be a truth, as get_state() returned it")
-        self._episodes, self._outcomes = state["episodes"].copy(), state["outcomes"].copy()
-        self._steps, self._ahead_of_time = state["steps"].copy(), state["ahead_of_time"].copy()
+        self._episodes, self._outcomes = (empty_matrix(*state[name].shape) for name in ("episodes", "outcomes"))
+        self._episodes[:], self._outcomes[:] = state["episodes"], state["outcomes"]
+        self._steps, self._ahead_of_time = (state[name].astype(np.int64) for name in ("steps", "ahead_of_time"))
         self._is_staggered, self._ended = state["is_staggered"], state["ended"].copy()
+        self._some_ended = bool(self._ended.any())
         self._queue.go_on(state)
         if self._tiles is not None:
             self._tiles.follow(self._outcomes, np.ones(self.num_envs, bool))

@@ -16,7 +16,7 @@ from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.mechanics.polynomials import real_roots
 
 made, to_object = [], machine.to_object
-machine.to_object = lambda source: made.append(1) or to_object(source)
+machine.to_object = lambda *given: made.append(1) or to_object(*given)
 
 def area(x, y):
     return abs(x) * y + 1.0

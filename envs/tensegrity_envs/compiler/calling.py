@@ -1,7 +1,7 @@
 """How Python calls machine code: as a built-in function of NumPy arrays.
 
 A call by `ctypes` costs a microsecond for every array, as much as a step of an environment. The machine code takes the
-arrays themselves instead and reads what NumPy's documented `PyArrayObject` tells: data, shape, type, flags.
+arrays themselves instead and reads what NumPy's documented `PyArrayObject` tells: data, shape, strides, type, flags.
 """
 
 import ctypes
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 _HEAD = object.__basicsize__
-_DATA, _NDIM, _SHAPE, _TYPE, _FLAGS = _HEAD, _HEAD + 8, _HEAD + 16, _HEAD + 40, _HEAD + 48
-_FLAGS_NEEDED = 0x0001 | 0x0100  # C-contiguous, aligned
+_DATA, _NDIM, _SHAPE, _STRIDES, _TYPE, _FLAGS = _HEAD, _HEAD + 8, _HEAD + 16, _HEAD + 24, _HEAD + 40, _HEAD + 48
+_FLAGS_NEEDED = 0x0100  # aligned
 _FASTCALL = 0x0080
 _FIXED = 3  # constants, working memory, results
 
@@ -45,18 +45,20 @@ def _check_layout() -> None:
         RuntimeError: they differ: this is another Python or NumPy than the package knows.
     """
     array = np.zeros((2, 3))
-    found = [ctypes.c_int64.from_address(id(array) + at).value for at in (_DATA, _TYPE, _SHAPE)]
+    found = [ctypes.c_int64.from_address(id(array) + at).value for at in (_DATA, _TYPE, _SHAPE, _STRIDES)]
     ndim, flags = (ctypes.c_int32.from_address(id(array) + at).value for at in (_NDIM, _FLAGS))
     fine = found[:2] == [array.ctypes.data, id(array.dtype)] and ndim == 2 and flags & _FLAGS_NEEDED == _FLAGS_NEEDED
-    if not (fine and [ctypes.c_int64.from_address(found[2] + 8 * k).value for k in (0, 1)] == [2, 3]):
+    read = [ctypes.c_int64.from_address(place + 8 * k).value for place in found[2:] for k in (0, 1)] if fine else []
+    if read != [2, 3, 24, 8]:
         raise RuntimeError("arrays of this NumPy are laid out in an unknown way; NumPy 2 on a 64-bit CPython is known")
 
 
 def entry(name: str, sizes: list[int]) -> list[str]:
     """The function that Python calls: with constants, working memory, results, and matrices.
 
-    It returns its `self`, True, if it has done its work: if all matrices are C-contiguous and of float64, have at least
-    as many rows as `sizes` tells, and as many columns as the results; otherwise the constants.
+    It returns its `self`, True, if it has done its work: if all matrices are of float64, have rows whose numbers stand
+    next to one another, at least as many rows as `sizes` tells, and as many columns as the results; otherwise the
+    constants.
     """
     lines = ["declare void @Py_IncRef(ptr)"]
     lines += [f"define ptr @{name}(ptr %self, ptr %args, i64 %number) {{", "entry:"]
@@ -74,9 +76,23 @@ def entry(name: str, sizes: list[int]) -> list[str]:
     for k in range(_FIXED + len(sizes)):
         lines += [f"  %p{k} = getelementptr ptr, ptr %args, i64 {k}", f"  %a{k} = load ptr, ptr %p{k}"]
         read(k, "data", _DATA, "ptr")
+
+    def read_strides(k: int) -> None:
+        read(k, "strides", _STRIDES, "ptr")
+        lines.extend(
+            [
+                f"  %bytes{k} = load i64, ptr %strides{k}",
+                f"  %row{k} = ashr exact i64 %bytes{k}, 3",
+                f"  %next.at{k} = getelementptr i64, ptr %strides{k}, i64 1",
+                f"  %next{k} = load i64, ptr %next.at{k}",
+            ]
+        )
+
     read(0, "type", _TYPE, "ptr")
     read(2, "shape", _SHAPE, "ptr")
     lines += ["  %n.at = getelementptr i64, ptr %shape2, i64 1", "  %n = load i64, ptr %n.at"]
+    lines += ["  %alone = icmp sle i64 %n, 1"]
+    read_strides(2)
     for k, size in enumerate(sizes, _FIXED):
         read(k, "type", _TYPE, "ptr")
         read(k, "flags", _FLAGS, "i32")
@@ -97,10 +113,16 @@ def entry(name: str, sizes: list[int]) -> list[str]:
             f"  %ok.rows{k} = icmp sge i64 %rows{k}, {size}",
             f"  %ok.n{k} = icmp eq i64 %n{k}, %n",
             f"  %and3.{k} = and i1 %ok.rows{k}, %ok.n{k}",
-            f"  br i1 %and3.{k}, label %fine{k}, label %bad",
+        ]
+        read_strides(k)
+        lines += [
+            f"  %ok.next{k} = icmp eq i64 %next{k}, {8 if size else f'%next{k}'}",
+            f"  %ok.line{k} = or i1 %ok.next{k}, %alone",
+            f"  %and4.{k} = and i1 %and3.{k}, %ok.line{k}",
+            f"  br i1 %and4.{k}, label %fine{k}, label %bad",
             f"fine{k}:",
         ]
-    passed = ", ".join(f"ptr %data{k}" for k in range(2, _FIXED + len(sizes)))
+    passed = ", ".join(f"ptr %data{k}, i64 %row{k}" for k in range(2, _FIXED + len(sizes)))
     lines += ["  %any = icmp sgt i64 %n, 0", "  br i1 %any, label %work, label %give.self"]
     lines += ["work:", f"  call void @columns(ptr %data0, i64 %n, ptr %data1, {passed})", "  br label %give.self"]
     lines += ["give.self:", "  br label %give"]
@@ -110,8 +132,12 @@ def entry(name: str, sizes: list[int]) -> list[str]:
     return lines
 
 
-def entry_of_arrays(name: str, target: str, dimensions: list[int]) -> list[str]:
-    """A function that Python calls with arrays of so many dimensions, which must be those that `target` takes."""
+def entry_of_arrays(name: str, target: str, dimensions: list[int], gaps: list[bool]) -> list[str]:
+    """A function that Python calls with arrays of so many dimensions, which must be those that `target` takes.
+
+    Of those that may have gaps between their rows, which are of float64, the distance from row to row is passed instead
+    of the rows' length.
+    """
     lines = ["declare void @Py_IncRef(ptr)", f"define ptr @{name}(ptr %self, ptr %args, i64 %number) {{"]
     passed = []
     for k, count in enumerate(dimensions):
@@ -124,6 +150,16 @@ def entry_of_arrays(name: str, target: str, dimensions: list[int]) -> list[str]:
             f"  %shape{k} = load ptr, ptr %shape.at{k}",
         ]
         passed.append(f"ptr %data{k}")
+        if gaps[k]:
+            lines += [
+                f"  %n.at{k} = load i64, ptr %shape{k}",
+                f"  %strides.at{k} = getelementptr i8, ptr %a{k}, i64 {_STRIDES}",
+                f"  %strides{k} = load ptr, ptr %strides.at{k}",
+                f"  %bytes{k} = load i64, ptr %strides{k}",
+                f"  %row{k} = ashr exact i64 %bytes{k}, 3",
+            ]
+            passed += [f"i64 %n.at{k}", f"i64 %row{k}"]
+            continue
         for i in range(count):
             lines += [
                 f"  %s{k}.{i} = getelementptr i64, ptr %shape{k}, i64 {i}",

@@ -16,7 +16,7 @@ from tensegrity_envs.compiler import calling, continuation, loops, lowering, mac
 from tensegrity_envs.compiler.loops import BLOCK, LANES
 from tensegrity_envs.compiler.lowering import Matrix
 from tensegrity_envs.compiler.numbers import Lifting, hash_of
-from tensegrity_envs.compiler.pytree import Row, Schema, is_array, is_row, tree_leaves, tree_map
+from tensegrity_envs.compiler.pytree import Row, Schema, empty_matrix, is_array, is_row, tree_leaves, tree_map
 from tensegrity_envs.compiler.tracing import Graph, Slot, Symbol
 
 
@@ -68,7 +68,7 @@ class Kernel:
         Raises:
             ValueError: a matrix has too few rows, or not as many columns as the others.
         """
-        out = np.empty((self.result.size, matrices[0].shape[1]))
+        out = empty_matrix(self.result.size, matrices[0].shape[1])
         work = self._free.pop() if self._free else np.empty(self._rows * BLOCK)
         if self._run(self._constants, work, out, *matrices) is not True:
             done = self._run(self._constants, work, out, *self._checked(matrices, out.shape[1]))
@@ -108,7 +108,7 @@ def _own(array: np.ndarray) -> np.ndarray:
     """A copy of NumPy's own dtype: that of an array that was pickled is equal to it, but another object, and so is that
     of all that is computed from such an array.
     """
-    own = np.empty(array.shape)
+    own = empty_matrix(*array.shape) if array.ndim == 2 else np.empty(array.shape)
     own[...] = array
     return own
 
@@ -196,7 +196,8 @@ def _source(plan: _Plan, name: str) -> str:
     for level, body in plan.bodies.items():
         lines += _loop(f"level_{level}", body, [f"ptr noalias %{array}" for array in arrays])
     inputs = [f"i{k}" for k in range(len(first) - 1)]
-    given = ["ptr noalias %c", "i64 %n", "ptr noalias %w", "ptr noalias %out", *(f"ptr noalias %{i}" for i in inputs)]
+    matrices = ", ".join(f"ptr noalias %{name}, i64 %row.{name}" for name in ("out", *inputs))
+    given = ["ptr noalias %c", "i64 %n", "ptr noalias %w", matrices]
     lines += [f"define internal void @columns({', '.join(given)}) {{", "entry:"]
     row = plan.own
     for k, size in enumerate(plan.needed):
@@ -208,7 +209,7 @@ def _source(plan: _Plan, name: str) -> str:
     lines += [f"  %count = select i1 %some, i64 %left, i64 {BLOCK}"]
     for i, (start, after) in zip(inputs, pairwise(first), strict=True):
         size = after - start
-        arguments = f"i64 {size}, i64 %count, ptr %{i}, i64 {size}, i64 %n, i64 %start"
+        arguments = f"i64 {size}, i64 %count, ptr %{i}, i64 {size}, i64 %row.{i}, i64 %start"
         lines += [f"  call void @move_in({arguments}, ptr %w, i64 {plan.own}, i64 {BLOCK}, i64 {start})"]
     passed = ", ".join(f"ptr %{array}" for array in arrays)
     for level in sorted({*plan.bodies, *(path.level for path in graph.paths)}):
@@ -219,7 +220,7 @@ def _source(plan: _Plan, name: str) -> str:
             lines += [f"  call void @level_{level}(ptr %c, i64 %count, {passed})"]
     size = plan.results
     arguments = f"i64 {size}, i64 %count, ptr %w, i64 {plan.own}, i64 {BLOCK}, i64 {first[-1]}"
-    lines += [f"  call void @move_out({arguments}, ptr %out, i64 {size}, i64 %n, i64 %start)"]
+    lines += [f"  call void @move_out({arguments}, ptr %out, i64 {size}, i64 %row.out, i64 %start)"]
     lines += [f"  %next = add i64 %start, {BLOCK}", "  %more = icmp slt i64 %next, %n"]
     lines += ["  br i1 %more, label %block, label %done", "done:", "  ret void", "}"]
     lines += calling.entry(name, [after - start for start, after in pairwise(first)])

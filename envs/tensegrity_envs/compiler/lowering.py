@@ -5,8 +5,10 @@ part of the language, which runs as it stands, too. Its arguments are annotated:
 
     int, float, bool     a number
     Vector, Matrix       an array of float64 of one or two dimensions, C-contiguous
-    Table                an array of float32 of two dimensions, only read
+    Rows                 a matrix whose rows may have gaps between them; its shape[1] is the distance from row to row
+    Table                an array of float32 of two dimensions
     Integers, Booleans   an array of int64 or of bool, of one dimension
+    IntegerTable, BooleanTable      the same, of two dimensions
 
 Statements: assignment of names and elements, `for ... in range(...)`, `while`, `if`, `break`, `continue`, `return`
 without a value. Expressions: arithmetic, comparison, `and`, `or`, `not`, `a if b else c`, all of whose parts are
@@ -25,11 +27,24 @@ from typing import Any, NamedTuple, TypeAlias
 
 Vector: TypeAlias = Any
 Matrix: TypeAlias = Any
+Rows: TypeAlias = Any
 Table: TypeAlias = Any
 Integers: TypeAlias = Any
 Booleans: TypeAlias = Any
-DIMENSIONS = {"Vector": 1, "Matrix": 2, "Table": 2, "Integers": 1, "Booleans": 1}
-_ELEMENT = {"Vector": "double", "Matrix": "double", "Table": "float", "Integers": "i64", "Booleans": "i8"}
+IntegerTable: TypeAlias = Any
+BooleanTable: TypeAlias = Any
+_KINDS = {
+    "Vector": (1, "double"),
+    "Matrix": (2, "double"),
+    "Rows": (2, "double"),
+    "Table": (2, "float"),
+    "Integers": (1, "i64"),
+    "Booleans": (1, "i8"),
+    "IntegerTable": (2, "i64"),
+    "BooleanTable": (2, "i8"),
+}
+DIMENSIONS = {name: dimensions for name, (dimensions, _) in _KINDS.items()}
+_ELEMENT = {name: element for name, (_, element) in _KINDS.items()}
 _COMPARE = {
     ast.Lt: ("olt", "slt"),
     ast.LtE: ("ole", "sle"),
@@ -240,6 +255,8 @@ class _Lowering:
         address, element = self.element(target)
         if element == "i8":
             value = self.emit(f"zext i1 {self.to(value, 'i1').text} to i8", "i8")
+        elif element == "float":
+            value = self.emit(f"fptrunc double {self.to(value, 'double').text} to float", "float")
         else:
             value = self.to(value, element)
         self.lines.append(f"  store {element} {value.text}, ptr {address}")

@@ -40,13 +40,14 @@ def version() -> str:
     return digest.hexdigest()[:16]
 
 
-def to_object(source: str) -> bytes:
-    """The object code of a module."""
+def to_object(source: str, is_plain: bool = False) -> bytes:
+    """The object code of a module; of a plain one, whose loops are not vector code yet, more is to be made."""
     module = llvm.parse_assembly(source)
     machine = _machine()
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     # The loops are vector code already, without repetitions: what is left to do is little, and quickly done.
-    options = llvm.create_pipeline_tuning_options(speed_level=1)
+    options = llvm.create_pipeline_tuning_options(speed_level=2 if is_plain else 1)
+    options.loop_unrolling = not is_plain  # which takes most of the time, and hinders vectors
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     return bytes(machine.emit_object(module))

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+_CROWDED, _FEW, _GAP = 128, 4, 8  # columns, rows, columns
+
 
 def tree_leaves(tree: Any, is_leaf: Callable[[Any], bool]) -> Iterator[Any]:
     """The leaves of a pytree, in a fixed order; whatever is neither a container nor a leaf is left out."""
@@ -45,6 +47,17 @@ def tree_map(function: Callable[[Any], Any], tree: Any, is_leaf: Callable[[Any],
         vars(copy).update({key: tree_map(function, part, is_leaf) for key, part in vars(tree).items()})
         return copy
     return tree
+
+
+def empty_matrix(rows: int, columns: int) -> np.ndarray:
+    """An uninitialized matrix, whose rows may have gaps between them.
+
+    Rows whose distance in memory is a power of two compete for the same few places of the processor's cache, which made
+    the step of 1,024 environments half as fast as that of 1,000.
+    """
+    if columns % _CROWDED or rows < _FEW:
+        return np.empty((rows, columns))
+    return np.empty((rows, columns + _GAP))[:, :columns]
 
 
 def is_array(value: Any) -> bool:
@@ -98,7 +111,7 @@ class Schema:
         components = list(tree_leaves(tree, is_array))
         if len(components) != self.size:
             raise ValueError(f"{len(components)} components given, {self.size} expected")
-        matrix = np.empty((self.size, n))
+        matrix = empty_matrix(self.size, n)
         for row, component in zip(matrix, components, strict=True):
             row[:] = component
         return matrix

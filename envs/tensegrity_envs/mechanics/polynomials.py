@@ -6,6 +6,7 @@ from tensegrity_envs.compiler.jit import Compiled
 from tensegrity_envs.compiler.lowering import Booleans, Matrix
 
 _NEAR = 1e-2  # roots closer together than this all but coincide
+LANES = 8  # polynomials that are worked on at once, each as if it were alone
 
 
 def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
@@ -58,66 +59,96 @@ def real_roots(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _roots(coefficients: Matrix, out: Matrix, delicate: Booleans) -> None:
     n, size = coefficients.shape[0], coefficients.shape[1]
     degree = size - 1
-    p = np.zeros((size, size))  # p[k] is the derivative of degree k
-    points, found = np.empty(size + 1), np.empty(size)
-    for row in range(n):
-        bound = 0.0
-        for i in range(size):
-            p[degree, i] = coefficients[row, i]
-            bound = max(bound, abs(coefficients[row, i] / coefficients[row, degree]))
-        bound += 1.0  # Cauchy's
+    p = np.zeros((size * size, LANES))  # in the rows from k size on, the derivative of degree k
+    points, found = np.zeros((size + 1, LANES)), np.zeros((size + 1, LANES))
+    bound, count, new = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
+    left, f_left, right, f_right = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
+    low, high, x, f, slope = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
+    is_bracket, running = np.zeros(LANES), np.zeros(LANES)
+    for start in range(0, n, LANES):
+        for j in range(LANES):
+            row = min(start + j, n - 1)
+            bound[j], count[j] = 0.0, 0.0
+            for i in range(size):
+                p[degree * size + i, j] = coefficients[row, i]
+                bound[j] = max(bound[j], abs(coefficients[row, i] / coefficients[row, degree]))
+            bound[j] += 1.0  # Cauchy's
         for k in range(degree - 1, 0, -1):
             for i in range(k + 1):
-                p[k, i] = p[k + 1, i + 1] * (i + 1)
-        count = 0
+                for j in range(LANES):
+                    p[k * size + i, j] = p[(k + 1) * size + i + 1, j] * (i + 1)
         for k in range(1, size):
-            points[count] = bound
-            new = 0
-            left, f_left = -bound, 0.0
+            most = 0
+            for j in range(LANES):
+                points[int(count[j]), j] = bound[j]
+                most = max(most, int(count[j]))
+                new[j], left[j], f_left[j] = 0.0, -bound[j], 0.0
             for i in range(k, -1, -1):
-                f_left = f_left * left + p[k, i]
-            for j in range(count + 1):
-                right, f_right = points[j], 0.0
+                for j in range(LANES):
+                    f_left[j] = f_left[j] * left[j] + p[k * size + i, j]
+            for interval in range(most + 1):
+                for j in range(LANES):
+                    right[j] = points[interval, j] if interval <= count[j] else left[j]
+                    f_right[j] = 0.0
                 for i in range(k, -1, -1):
-                    f_right = f_right * right + p[k, i]
-                if (f_left < 0) != (f_right < 0):
-                    low, high, x = left, right, (left + right) / 2
-                    for _ in range(100):
-                        f, slope = 0.0, 0.0
-                        for i in range(k, -1, -1):
-                            slope = slope * x + f
-                            f = f * x + p[k, i]
-                        if (f < 0) == (f_left < 0):
-                            low = x
-                        else:
-                            high = x
-                        step = f / slope
-                        if low < x - step < high:
-                            x -= step
-                        else:
-                            step = (high - low) / 2
-                            x = (high + low) / 2
-                        if abs(step) < 1e-13 * (1 + abs(x)):
-                            break
-                    found[new] = x
-                    new += 1
-                left, f_left = right, f_right
-            if k == degree:
-                for j in range(new):
-                    out[row, j] = found[j]
-                for j in range(count):
-                    # From a point c that is next to an m-fold root, the roots are about |p / p_m|^(1/m) away, with the
-                    # Taylor coefficients p_m at c.
-                    c, value, factorial = points[j], 0.0, 1.0
-                    for m in range(min(size, 5)):
-                        taylor = 0.0
-                        factorial *= max(m, 1)
-                        for i in range(degree, m - 1, -1):
-                            taylor = taylor * c + p[degree - m, i - m] / factorial
-                        if m == 0:
-                            value = taylor
-                        elif m > 1 and abs(value / taylor) ** (1 / m) < _NEAR * (1 + c * c):
-                            delicate[row] = True
-            count = new
-            for j in range(new):
-                points[j] = found[j]
+                    for j in range(LANES):
+                        f_right[j] = f_right[j] * right[j] + p[k * size + i, j]
+                going_on = 0.0
+                for j in range(LANES):
+                    is_bracket[j] = 1.0 if (f_left[j] < 0) != (f_right[j] < 0) else 0.0
+                    running[j] = is_bracket[j]
+                    low[j], high[j], x[j] = left[j], right[j], (left[j] + right[j]) / 2
+                for j in range(LANES):
+                    going_on = max(going_on, running[j])
+                for _ in range(100):
+                    if going_on == 0.0:
+                        break
+                    for j in range(LANES):
+                        f[j], slope[j] = 0.0, 0.0
+                    for i in range(k, -1, -1):
+                        for j in range(LANES):
+                            slope[j] = slope[j] * x[j] + f[j]
+                            f[j] = f[j] * x[j] + p[k * size + i, j]
+                    for j in range(LANES):
+                        is_low = (f[j] < 0) == (f_left[j] < 0)
+                        low[j] = x[j] if is_low else low[j]
+                        high[j] = high[j] if is_low else x[j]
+                        newton = f[j] / slope[j]
+                        is_inside = low[j] < x[j] - newton < high[j]
+                        step = newton if is_inside else (high[j] - low[j]) / 2
+                        there = x[j] - newton if is_inside else (high[j] + low[j]) / 2
+                        x[j] = there if running[j] != 0.0 else x[j]
+                        running[j] = 0.0 if abs(step) < 1e-13 * (1 + abs(x[j])) else running[j]
+                    going_on = 0.0
+                    for j in range(LANES):
+                        going_on = max(going_on, running[j])
+                for j in range(LANES):
+                    if is_bracket[j] != 0.0:
+                        found[int(new[j]), j] = x[j]
+                        new[j] += 1.0
+                for j in range(LANES):
+                    left[j], f_left[j] = right[j], f_right[j]
+            if k < degree:
+                for j in range(LANES):
+                    count[j] = new[j]
+                    for i in range(int(new[j])):
+                        points[i, j] = found[i, j]
+        for j in range(LANES):
+            row = start + j
+            if row >= n:
+                break
+            for i in range(int(new[j])):
+                out[row, i] = found[i, j]
+            for i in range(int(count[j])):
+                # From a point c that is next to an m-fold root, the roots are about |p / p_m|^(1/m) away, with the
+                # Taylor coefficients p_m at c.
+                c, value, factorial = points[i, j], 0.0, 1.0
+                for m in range(min(size, 5)):
+                    taylor = 0.0
+                    factorial *= max(m, 1)
+                    for r in range(degree, m - 1, -1):
+                        taylor = taylor * c + p[(degree - m) * size + r - m, j] / factorial
+                    if m == 0:
+                        value = taylor
+                    elif m > 1 and abs(value / taylor) ** (1 / m) < _NEAR * (1 + c * c):
+                        delicate[row] = True
