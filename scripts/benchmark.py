@@ -7,17 +7,26 @@ import typer
 from rich.table import Table
 
 from tensegrity_agents import benchmark
+from tensegrity_agents.benchmark_against import against as compare
 from tensegrity_agents.config import ConfigError
 from tensegrity_agents.console import clear_errors, console, find_experiment, say
+
+_COUNTS = {"vector": (1024, 64), "single": (0,)}  # environments in a batch; 0 for a single one
 
 
 def main(
     only: Annotated[str, typer.Option(help="single, vector, dynamics, ppo, redundancy, compiling, or all")] = "all",
     config: Annotated[Path, typer.Option(help="settings of PPO")] = Path("configs/two_x_reach.yaml"),
+    against: Annotated[
+        Path | None, typer.Option(help="checkout of another build: compare vectors and single environments with its")
+    ] = None,
+    ids: Annotated[str, typer.Option(help="with --against: comma-separated ids, or all quasi-static ones")] = "all",
+    rounds: Annotated[int, typer.Option(min=1, help="with --against: blocks of steps of each build")] = 9,
 ) -> None:
     """Measure steps per second of single and vector environments and of PPO.
 
-    Takes about five minutes; leave the machine alone meanwhile.
+    Takes about five minutes; leave the machine alone meanwhile. With --against, only the two builds are compared, in
+    CPU seconds.
     """
     with clear_errors():
         if only not in ("all", "single", "vector", "dynamics", "ppo", "redundancy", "compiling"):
@@ -26,6 +35,15 @@ def main(
         def progress(what: str) -> None:
             console.print(what, style="dim", markup=False, highlight=False)
 
+        if against is not None:
+            chosen = benchmark.RESTING if ids == "all" else tuple(ids.split(","))
+            if unknown := [env_id for env_id in chosen if env_id not in (*benchmark.RESTING, *benchmark.MOVING)]:
+                raise ConfigError(f"--ids: there is no {unknown[0]!r}; there are {', '.join(benchmark.RESTING)}")
+            table = Table("measured", "this build [CPU us]", "the other one [CPU us]", "ratio")
+            for pair in compare(against, chosen, _COUNTS.get(only, (1024, 64, 0)), rounds, progress):
+                table.add_row(pair.what, f"{1e6 * pair.ours:.3f}", f"{1e6 * pair.theirs:.3f}", f"{pair.ratio:.2f}x")
+            console.print(table)
+            return
         settings = find_experiment(config, None) if only in ("all", "ppo") else None
         if only in ("all", "compiling"):
             table = Table(

@@ -94,6 +94,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         self.single_action_space = self.core.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._actions_shape = self.action_space.shape
         self._tiles = Tiles(self.core, self.num_envs, size) if render_mode else None
         self._queue: EpisodeQueue | None = None
         self._steps = np.zeros(self.num_envs, np.int64)  # since the episodes began
@@ -220,10 +221,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
     def _checked_actions(self, actions: Any, skipped: np.ndarray) -> np.ndarray:
         """The actions as columns, clipped to [-1, 1]; those that are skipped are 0."""
         array = np.asarray(actions)
-        if array.shape != self.action_space.shape:
-            raise ValueError(
-                f"actions of shape {array.shape}: must be {self.action_space.shape}, increments in [-1, 1]"
-            )
+        if array.shape != self._actions_shape:
+            raise ValueError(f"actions of shape {array.shape}: must be {self._actions_shape}, increments in [-1, 1]")
         given = empty_matrix(array.shape[1], array.shape[0])
         if array.dtype == np.float32:
             columns.actions_of_singles.run(np.ascontiguousarray(array), skipped, given, self._wrong)
@@ -269,7 +268,9 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
     def _observation(self, outcomes: np.ndarray, index: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Of all environments, or of those at `index`."""
         count = self.num_envs if index is None else len(index)
-        seen, achieved, desired = (np.empty((count, size), np.float32) for size in self._seen_sizes)
+        size, goal_size = self._seen_sizes
+        seen, achieved = np.empty((count, size), np.float32), np.empty((count, goal_size), np.float32)
+        desired = np.empty((count, goal_size), np.float32)
         if index is None:
             columns.see.run(self._rows_seen, outcomes, seen, achieved, desired)
         else:
@@ -282,9 +283,9 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         return np.array([rows.observation[0], rows.achieved[0], rows.desired[0]], np.int64)
 
     @cached_property
-    def _seen_sizes(self) -> tuple[int, int, int]:
+    def _seen_sizes(self) -> tuple[int, int]:
         rows = self.core.outcomes.rows
-        return len(rows.observation), len(rows.achieved), len(rows.desired)
+        return len(rows.observation), len(rows.achieved)
 
     @cached_property
     def _rows_of_ends(self) -> np.ndarray:

@@ -23,19 +23,19 @@ class InfoTable:
         for entry in entries:
             if entry.end is None:
                 kinds[entry.kind].append(entry)
-        floats, self._truths, ints = ([entry.name for entry in of_kind] for of_kind in kinds.values())
-        self._floats, self._ints = floats, [*ints, "step"]
+        self._vectors: list[tuple[str, slice]] = []
         rows = [entry.first for entry in kinds["float"]]
-        self._vectors: list[tuple[str, int, int]] = []
         for entry in entries:
             if entry.end is not None:
-                self._vectors.append((entry.name, len(rows), len(rows) + entry.end - entry.first))
+                self._vectors.append((entry.name, slice(len(rows), len(rows) + entry.end - entry.first)))
                 rows.extend(range(entry.first, entry.end))
-        self._float_rows = len(rows)
-        rows += [entry.first for of_kind in ("bool", "int") for entry in kinds[of_kind]]
+        self._scalars, sizes = slice(0, len(kinds["float"])), [len(rows), len(kinds["bool"]), len(kinds["int"]) + 1]
+        rows += [entry.first for kind in ("bool", "int") for entry in kinds[kind]]
         self._rows, self._num_envs = np.array(rows, np.int64), num_envs
-        names = [*self._floats, *self._truths, *self._ints, *(name for name, *_ in self._vectors)]
-        self._masks = [f"_{name}" for name in names]
+        scalars = [*(entry.name for of_kind in kinds.values() for entry in of_kind), "step"]
+        masks = [f"_{name}" for name in (*scalars, *(name for name, _ in self._vectors))]
+        self._names = [*scalars, *masks]
+        self._shapes = [(size, num_envs) for size in (*sizes, len(masks), len(masks) + 1)]
 
     def told(
         self, outcomes: np.ndarray, steps: np.ndarray, index: np.ndarray | None, limits: np.ndarray | None
@@ -48,20 +48,17 @@ class InfoTable:
             index: of some environments, or None for all.
             limits: of time, where they differ from environment to environment, else None; the info keeps it.
         """
-        n, make = self._num_envs, np.empty if index is None else np.zeros
-        floats, ints = make((self._float_rows, n)), make((len(self._ints), n), np.int64)
-        truths = make((len(self._truths), n), bool)
-        masks = make((len(self._masks) + (limits is not None), n), bool)  # each entry's own, to write into
+        of_floats, of_truths, of_ints, of_masks, of_more_masks = self._shapes
+        make = np.empty if index is None else np.zeros
+        floats, truths, ints = make(of_floats), make(of_truths, bool), make(of_ints, np.int64)
+        masks = make(of_masks if limits is None else of_more_masks, bool)  # each entry's own, to write into
         if index is None:
             columns.tell.run(self._rows, outcomes, steps, floats, truths, ints, masks)
         else:
             columns.tell_some.run(self._rows, outcomes, steps, index, floats, truths, ints, masks)
-        info: dict[str, Any] = dict(zip(self._floats, floats, strict=False))
-        info.update(zip(self._truths, truths, strict=True))
-        info.update(zip(self._ints, ints, strict=True))
-        for name, first, end in self._vectors:
-            info[name] = floats[first:end].T
-        info.update(zip(self._masks, masks, strict=False))
+        info: dict[str, Any] = dict(zip(self._names, [*floats[self._scalars], *truths, *ints, *masks], strict=False))
+        for name, part in self._vectors:
+            info[name] = floats[part].T
         if limits is not None:
             info["time_limit"], info["_time_limit"] = limits, masks[-1]
         return info
