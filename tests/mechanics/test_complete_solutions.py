@@ -226,3 +226,27 @@ def test_singular_poses_and_limits_of_nearly_equal_bars(closeness, limit, q):
         b=1 - closeness, l=1.0, a=0.0, k1=1.0, k2=1.0, min_tension=0.0, max_tension=1.0, joint_limit=limit
     )
     assert not lost(TwoX(design), [q], tolerance=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("closeness", "limit", "q"),
+    [
+        (1e-6, math.pi, (math.pi - 1e-7, math.pi - 1e-7)),
+        (1e-9, math.pi, (math.pi - 1e-7, math.pi - 1e-7)),
+        (1e-12, math.pi, (5.67e-5 - math.pi, 5.67e-5 - math.pi)),
+        (1e-9, 2.6, (2.599885923695298, 0.001425708701239534)),
+        (1e-9, 1.5, (1.4999990668092769, 0.0015365955530053594)),
+        (1e-12, 1.5, (1.2765652208351859, 0.18)),
+    ],
+)
+def test_valleys_of_solutions_of_nearly_equal_bars_are_one_solution_each(closeness, limit, q):
+    """Along a valley the tip moves less than rounding: one point of it is given, on target to rounding."""
+    design = TwoXDesign(
+        b=1 - closeness, l=1.0, a=0.0, k1=1.0, k2=1.0, min_tension=0.0, max_tension=1.0, joint_limit=limit
+    )
+    arm = TwoX(design)
+    found = arm.inverse_kinematics(*arm.tip(q))
+    assert len(found) <= 2  # a solution and, mirrored, one far from it
+    assert all(solution.residual < 1e-14 for solution in found)
+    # Equal bars move the tip by the sum of the angles alone.
+    assert min(abs(sum(solution.configuration) - sum(q)) for solution in found) < 2e-5

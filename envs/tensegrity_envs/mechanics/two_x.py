@@ -30,6 +30,7 @@ _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
 _FULL_TURN = 4 * math.pi  # of alpha, since theta = alpha / 2 runs once around
 _BARS = "A1 C1, B1 D1, D1 C1, D1 A2, D1 B2, C1 B2, A2 B2, A2 C2, B2 D2, D2 C2, D2 P, C2 P"
 _NEARLY_SINGULAR = 2e-3  # 1 - (b/l)^2, where the polynomial is not enough
+_VALLEY = 4e-15  # of the reach: tips of nearly equal bars that are no further apart are the same but for rounding
 _GRID = 25  # starts along each joint, for nearly equal bars
 _ROUNDING = 1e-6  # [rad] by which rounding may carry a double root beyond a joint limit
 _SAMPLES = 16  # of the trigonometric polynomial of the inverse kinematics; 9 would determine it
@@ -589,7 +590,9 @@ class TwoX:
         The real roots of one polynomial, of degree eight with offsets and, without, the quartic of [Furet2018, Eqs.
         3-8]. They are candidates only (on one curve a double root is no configuration at all): each is polished and
         verified by forward kinematics. Two solutions closer than 1e-6 rad to one another, next to a singularity, are
-        given as one, and so are those (1e-5 rad at most) between which the tip is no further from the target.
+        given as one, and so are those (1e-5 rad at most) between which the tip is no further from the target. Of nearly
+        equal bars (1 - (b/l)^2 < 2e-3) the solutions lie in valleys, along which the tip moves less than rounding:
+        where it stays within 4e-15 of the reach from the target all the way between two solutions, one is given.
 
         Returns:
             The solutions, an empty list where the target is out of reach.
@@ -636,21 +639,35 @@ class TwoX:
         if any(isinstance(value, np.ndarray) for value in (self.design.a, self.design.b, self.design.l)):
             raise ValueError("inverse kinematics takes one set of bar lengths, not a batch of them")
         check_finite("target", (x, y), 2)
+        equal_bars = self._excess < _NEARLY_SINGULAR * self.design.l**2  # many candidates, the best of which are kept
         owner, a1, a2 = self._candidates(x, y)
         near = np.maximum(np.abs(a1), np.abs(a2)) < self.design.joint_limit + 0.1
         owner, a1, a2 = owner[near], a1[near], a2[near]
         a1, a2 = self._polish(x[owner], y[owner], a1, a2)
+        if equal_bars:
+            a1, a2 = self._along_valleys(x[owner], y[owner], a1, a2)
         a1, a2 = (2 * math.pi - (2 * math.pi - alpha) % _FULL_TURN for alpha in (a1, a2))  # into (-2 pi, 2 pi]
         a1, a2 = self._onto_limits(x[owner], y[owner], a1, a2)
         px, py = self.tip((a1, a2))
         residual = np.hypot(px - x[owner], py - y[owner])
-        keep = (residual < 1e-12 * self.reach) & self.is_within_limits((a1, a2))
+        rounding = (_VALLEY if equal_bars else 1e-12) * self.reach
+        keep = (residual < rounding) & self.is_within_limits((a1, a2))
         if self.design.joint_limit <= math.pi:  # which leaves the flat poses out
             keep &= np.maximum(np.abs(a1), np.abs(a2)) < math.pi - 1e-9
-        equal_bars = self._excess < _NEARLY_SINGULAR * self.design.l**2  # many candidates, the best of which are kept
         order = np.lexsort((residual[keep], owner[keep]) if equal_bars else (a2[keep], a1[keep], owner[keep]))
         owner, a1, a2, residual = (values[keep][order] for values in (owner, a1, a2, residual))
-        # Candidates that arrived at the same solution differ by rounding, sqrt(eps) at a double root.
+        if equal_bars:
+            new = self._leaders(x, y, owner, a1, a2, residual)
+        else:
+            new = self._new_solutions(x, y, owner, a1, a2, residual)
+        kept = np.flatnonzero(new)
+        kept = kept[np.lexsort((a2[kept], a1[kept], owner[kept]))]
+        return owner[kept], (a1[kept], a2[kept]), residual[kept]
+
+    def _new_solutions(
+        self, x: np.ndarray, y: np.ndarray, owner: np.ndarray, a1: np.ndarray, a2: np.ndarray, residual: np.ndarray
+    ) -> np.ndarray:
+        """Which candidates are solutions of their own; others differ by rounding, sqrt(eps) at a double root."""
         new = np.ones(len(owner), bool)
         for lag in range(1, len(owner)):
             same = owner[lag:] == owner[:-lag]
@@ -658,24 +675,57 @@ class TwoX:
                 break
             gap = _angle_gap(a1[lag:], a1[:-lag]) + _angle_gap(a2[lag:], a2[:-lag])
             one = gap <= 1e-6
-            near = np.flatnonzero(
-                same & ~one & (gap < 1e-5) & ~equal_bars
-            )  # of a double root: what lies between is as good
+            near = np.flatnonzero(same & ~one & (gap < 1e-5))  # of a double root: what lies between is as good
             px, py = self.tip(tuple((a[lag:][near] + a[:-lag][near]) / 2 for a in (a1, a2)))
             between = np.hypot(px - x[owner[lag:][near]], py - y[owner[lag:][near]])
             one[near] = between <= np.maximum(residual[lag:][near], residual[:-lag][near])
             new[lag:] &= ~same | ~one
-        kept = np.flatnonzero(new)
-        kept = kept[np.lexsort((a2[kept], a1[kept], owner[kept]))]
-        return owner[kept], (a1[kept], a2[kept]), residual[kept]
+        return new
+
+    def _leaders(
+        self, x: np.ndarray, y: np.ndarray, owner: np.ndarray, a1: np.ndarray, a2: np.ndarray, residual: np.ndarray
+    ) -> np.ndarray:
+        """The same for nearly equal bars, whose solutions are long valleys; the best candidates come first.
+
+        A candidate belongs to a better one where the tip, all the way between them along the valley's floor, is no
+        further from the target than at the worse of the two, or than rounding.
+        """
+        new = np.zeros(len(owner), bool)
+        left = np.arange(len(owner))
+        rounding = _VALLEY * self.reach
+        between = np.linspace(0.0, 1.0, 18)[1:-1, None]
+        while len(left):
+            _, first, group = np.unique(owner[left], return_index=True, return_inverse=True)
+            new[left[first]] = True
+            best = left[first][group]
+            ways = [(alpha[left] - alpha[best] + 2 * math.pi) % _FULL_TURN - 2 * math.pi for alpha in (a1, a2)]
+            q = (a1[best] + between * ways[0], a2[best] + between * ways[1])
+            length = np.abs(ways[0]) + np.abs(ways[1])
+            for _ in range(4):  # down the gradient, to the floor of a bent valley
+                px, py = self.tip(q)
+                ex, ey = px - x[owner[left]], py - y[owner[left]]
+                rows = self.jacobian(q)
+                square = sum(part * part for row in rows for part in row) + 1e-300
+                steps = [(rows[0][i] * ex + rows[1][i] * ey) / square for i in range(2)]
+                shrink = 0.1 * length / np.maximum(0.1 * length + 1e-300, np.hypot(*steps))
+                q = (q[0] - shrink * steps[0], q[1] - shrink * steps[1])
+            px, py = self.tip(q)
+            off = np.hypot(px - x[owner[left]], py - y[owner[left]]).max(axis=0)
+            one = (length <= 1e-6) | (off <= np.maximum(residual[left], rounding))
+            left = left[~one]
+        return new
 
     def _onto_limits(
         self, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Angles that rounding has carried beyond a joint limit, put onto it; the other joint makes up for it."""
-        limit = self.design.joint_limit
+        limit, beyond, stride = self.design.joint_limit, _ROUNDING, 1e-3
+        if self._excess < _NEARLY_SINGULAR * self.design.l**2:  # valleys along which the tip moves less than rounding
+            beyond = stride = 0.3
+            if limit == math.pi:
+                limit -= 2e-9  # since a flat pose counts as none
         over = [np.abs(alpha) > limit for alpha in (a1, a2)]
-        index = np.flatnonzero((over[0] | over[1]) & (np.maximum(np.abs(a1), np.abs(a2)) < limit + _ROUNDING))
+        index = np.flatnonzero((over[0] | over[1]) & (np.maximum(np.abs(a1), np.abs(a2)) < limit + beyond))
         if not len(index):
             return a1, a2
         q = [np.clip(alpha[index], -limit, limit) for alpha in (a1, a2)]
@@ -687,7 +737,7 @@ class TwoX:
             for i in range(2):
                 dx, dy = rows[0][i], rows[1][i]
                 step = (dx * ex + dy * ey) / (dx * dx + dy * dy + 1e-300)
-                q[i] = np.where(free[i], np.clip(q[i] - np.clip(step, -1e-3, 1e-3), -limit, limit), q[i])
+                q[i] = np.where(free[i], np.clip(q[i] - np.clip(step, -stride, stride), -limit, limit), q[i])
         a1, a2 = a1.copy(), a2.copy()
         a1[index], a2[index] = q
         return a1, a2
@@ -730,6 +780,27 @@ class TwoX:
             if not len(active):
                 break
         return a1, a2
+
+    def _along_valleys(
+        self, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Newton steps that may lead further away: a step along a bent valley leaves it, the next one returns to it."""
+        best1, best2 = a1.copy(), a2.copy()
+        least = np.full(len(a1), np.inf)
+        for _ in range(12):
+            px, py = self.tip((a1, a2))
+            ex, ey = px - x, py - y
+            error = np.hypot(ex, ey)
+            better = error < least
+            least = np.where(better, error, least)
+            best1, best2 = np.where(better, a1, best1), np.where(better, a2, best2)
+            (xa, xb), (ya, yb) = self.jacobian((a1, a2))
+            det = xa * yb - xb * ya
+            det = np.where(det == 0, np.inf, det)
+            step1, step2 = (yb * ex - xb * ey) / det, (xa * ey - ya * ex) / det
+            shrink = 0.3 / np.maximum(0.3, np.hypot(step1, step2))
+            a1, a2 = a1 - shrink * step1, a2 - shrink * step2
+        return best1, best2
 
     def _candidates(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A starting point close to every solution: index of the target, alpha_1, alpha_2.
@@ -779,9 +850,14 @@ class TwoX:
             np.concatenate([a2, fold, -fold]),
         )
         if flatness < _NEARLY_SINGULAR:  # and alpha_2 from alpha_1 is ill-conditioned at singularities and limits
-            axis = np.linspace(-self.design.joint_limit, self.design.joint_limit, _GRID)
+            limit = self.design.joint_limit
+            axis = np.linspace(-limit, limit, _GRID)
+            # A joint whose midpoints meet turns within angles of this size.
+            near = np.geomspace(math.sqrt(flatness), 0.1, 6)
+            axis = np.concatenate([axis, near, -near, 2 * math.pi - near, near - 2 * math.pi])
+            axis = axis[np.abs(axis) <= limit]
             grid = [part.ravel() for part in np.meshgrid(axis, axis)]
-            owner = np.concatenate([owner, np.repeat(within, _GRID**2)])
+            owner = np.concatenate([owner, np.repeat(within, len(grid[0]))])
             a1, a2 = (np.concatenate([a, np.tile(part, len(within))]) for a, part in zip((a1, a2), grid, strict=True))
         return owner, a1, a2
 
