@@ -11,6 +11,7 @@ ENVS = ROOT / "envs" / "tensegrity_envs"
 LAYERS = [
     "compiler",
     "mechanics",
+    "columns",
     "seeding",
     "randomization",
     "rendering",
@@ -20,6 +21,7 @@ LAYERS = [
     "observation",
     "options",
     "core",
+    "info",
     "environments",
     "arms",
     "episodes",

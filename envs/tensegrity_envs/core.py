@@ -109,6 +109,7 @@ class Core(ABC):
         observe_velocities: whether velocities are.
         randomization: of what differs from episode to episode.
         randomizable: names of what may differ.
+        info_meanings: unit and meaning of the entries of `info` that only this environment has.
         can_fail: whether episodes may be terminated; a subclass whose episodes end by the time limit alone says False.
         dynamics: parameters of the dynamic simulation; None in a quasi-static one.
         engine: of the dynamic simulation; None in a quasi-static one.
@@ -132,6 +133,7 @@ class Core(ABC):
     observe_velocities: bool = False
     randomization: Randomization = Randomization()
     randomizable: frozenset[str] = frozenset()
+    info_meanings: ClassVar[dict[str, tuple[str, str]]] = {}
     can_fail: bool = True
     dynamics: Dynamics | None = None
     engine: "Engine | None" = None

@@ -8,6 +8,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
+from tensegrity_envs.tasks.weights import Weights
 
 _FULL_MARGIN = 0.2
 
@@ -20,13 +21,18 @@ class Task(ABC):
         tolerance: the goal is reached within this distance [m or rad].
         reward_type: "dense" or "sparse".
         input_scale: scale of the effort [N or m].
+        weights: of the dense reward; each task has its own.
+        info_meanings: unit and meaning of the entries of `info` that `metrics` adds.
     """
 
     goals_decide: ClassVar[bool] = True  # whether the sparse reward depends on the distance alone, without failure
 
+    info_meanings: ClassVar[dict[str, tuple[str, str]]] = {}
+
     tolerance: float
     reward_type: str = "dense"
     input_scale: float = 1.0
+    weights: Weights
 
     def __post_init__(self) -> None:
         """Validate.

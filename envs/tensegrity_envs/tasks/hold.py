@@ -1,7 +1,7 @@
 """Hold: keep the tip on a target while an unseen force grows, for as long as it can be done."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 from tensegrity_envs.compiler.namespace import Component, namespace_of
 from tensegrity_envs.simulation.protocol import OFF_TARGET, RUNNING, Episode, State
@@ -23,6 +23,9 @@ class Hold(Task):
     """
 
     goals_decide = False
+    info_meanings: ClassVar[dict[str, tuple[str, str]]] = {
+        "score": ("-", "largest force held so far, divided by the reference"),
+    }
 
     reference_load: float
     weights: HoldWeights = field(default_factory=HoldWeights)

@@ -1,7 +1,7 @@
 """Track: keep the tip on a goal that moves."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
@@ -21,6 +21,10 @@ class Track(Task):
         cycles: how many there are.
         weights: of the dense reward.
     """
+
+    info_meanings: ClassVar[dict[str, tuple[str, str]]] = {
+        "largest_error": ("m", "largest distance from the goal in the last cycle so far"),
+    }
 
     cycle: int
     cycles: int = 2

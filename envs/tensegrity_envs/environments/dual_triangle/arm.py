@@ -2,7 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ SEGMENTS = 3
 class DualTriangleCore(Core):
     """What the environments of this arm share."""
 
+    info_meanings: ClassVar[dict[str, tuple[str, str]]] = {"load": ("N", "force at the tip")}
     published = ZHAO2021_CAPTION
     simulation: DeltaControl | DynamicControl
     design: DualTriangleDesign

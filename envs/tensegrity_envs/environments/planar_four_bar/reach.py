@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -70,6 +70,11 @@ class PlanarFourBarReach(Core):
     design: PlanarFourBarDesign
     input_name = "actuator_lengths"
     hidden_info_keys = ("load",)
+    info_meanings: ClassVar[dict[str, tuple[str, str]]] = {
+        "load": ("N", "force on F"),
+        "thrusts": ("N", "thrusts of the actuators"),
+        "random_side": ("-", "on which side of the line CD the episode runs, 1 or -1"),
+    }
     control = "actuator_lengths"
 
     def __init__(self, load_range: tuple[float, float] | None = None, **shared: Any) -> None:

@@ -1,7 +1,7 @@
 """The spatial prism as environments: following a closed curve, with or without an unknown payload."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -62,6 +62,10 @@ class SpatialPrismTrack(Core):
     """
 
     published = JAHROMY
+    info_meanings: ClassVar[dict[str, tuple[str, str]]] = {
+        "load": ("N", "force at the centroid"),
+        "configuration": ("m, rad", "position of the centroid, and orientation as a rotation vector"),
+    }
     simulation: LengthControl | DynamicControl
     design: SpatialPrismDesign
     input_name = "lengths"

@@ -1,7 +1,7 @@
 """The 2-X manipulator as a reaching environment."""
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -48,6 +48,7 @@ class TwoXReach(Core):
     design: TwoXDesign
     input_name = "tensions"
     hidden_info_keys = ("payload",)
+    info_meanings: ClassVar[dict[str, tuple[str, str]]] = {"payload": ("kg", "payload at the tip")}
 
     def __init__(
         self,
