@@ -1,5 +1,7 @@
 """Where a mechanism can work: workspaces, singularities and cuspidality as figures, regions and numbers."""
 
+import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
+
 import time
 from pathlib import Path
 from typing import Annotated

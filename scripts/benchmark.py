@@ -1,5 +1,7 @@
 """Speeds, each as a ratio to Gymnasium's Reacher-v5 measured in the same run."""
 
+import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
+
 from pathlib import Path
 from typing import Annotated
 

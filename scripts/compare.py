@@ -1,5 +1,7 @@
 """The main job: train agents, compare them with the analytic controllers on held-out episodes, and report."""
 
+import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
+
 from pathlib import Path
 from typing import Annotated
 

@@ -1,5 +1,7 @@
 """Score one controller: a baseline, a trained policy, or a class of your own."""
 
+import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
+
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -1,5 +1,7 @@
 """Pages to play with a mechanism in a browser: drag the tip, see all inverse solutions and their margins."""
 
+import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
+
 from pathlib import Path
 from typing import Annotated
 

@@ -3,6 +3,8 @@
 A run that was stopped at any moment goes on when the same command is given again.
 """
 
+import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
+
 from pathlib import Path
 
 import typer

@@ -1,5 +1,7 @@
 """Quasi-static controllers in dynamics, and the reverse: who keeps his success where he was not made for?"""
 
+import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
+
 from pathlib import Path
 from typing import Annotated
 

@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from tensegrity_agents import env_options
 from tensegrity_agents.config import ConfigError, Experiment, known_env, load_experiment
 from tensegrity_agents.controllers import BASELINES, DYNAMIC
+from tensegrity_agents.interrupt import as_usual
 from tensegrity_agents.sb3.training import TrainingError, TrainingInterruptedError
 from tensegrity_agents.yaml_file import read_yaml
 
@@ -117,6 +118,7 @@ def clear_errors(after_interrupt: str = AGAIN) -> Iterator[None]:
     Args:
         after_interrupt: what to do then.
     """
+    as_usual()
     try:
         yield
     except (TrainingError, ValueError) as error:  # config and policy errors are ValueErrors

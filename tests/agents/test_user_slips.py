@@ -4,6 +4,7 @@ import importlib.util
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -289,3 +290,16 @@ def test_analyze_announces_the_files_that_are_there(place):
             folder, names = line.split(": ")
             announced |= {place / folder / name for name in names.split(", ")}
     assert announced == {path for path in (place / "analysis").rglob("*.*") if path.is_file()}
+
+
+@pytest.mark.parametrize("script", sorted(path.name for path in (ROOT / "scripts").glob("*.py")))
+def test_an_interrupt_while_a_script_imports_is_one_line(script):
+    command = [sys.executable, "-X", "importtime", str(ROOT / "scripts" / script), "--help"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    for line in process.stderr:
+        if "tensegrity_agents.interrupt" in line:
+            process.send_signal(signal.SIGINT)
+            break
+    _, errors = process.communicate(timeout=60)
+    told = [line for line in errors.splitlines() if not line.startswith("import time:")]
+    assert (process.returncode, told) == (130, ["interrupted: nothing was begun yet"])

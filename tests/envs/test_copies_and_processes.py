@@ -196,3 +196,25 @@ def test_memory_stays_flat_over_episodes():
         env.reset()
         env.step(np.zeros(env.action_space.shape))
     assert resident() - before < 10  # MB; 5,000 episodes: mujoco_measurements.py
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads Linux's memory counters")
+@pytest.mark.parametrize("env_id", ["DualTriangleLoadedReach-v0", "DualTriangleLoadedReachMuJoCo-v0"])
+def test_512_loaded_arms_take_less_than_400_megabytes(env_id):
+    code = f"""
+import gymnasium, tensegrity_envs
+env = gymnasium.make_vec("tensegrity/{env_id}", 512, vectorization_mode="vector_entry_point")
+env.reset(seed=0)
+env.action_space.seed(0)
+def peak():
+    return int(open("/proc/self/status").read().split("VmHWM:")[1].split()[0]) / 1024
+env.step(env.action_space.sample())
+before = peak()
+for _ in range(100):
+    env.step(env.action_space.sample())
+print(peak(), peak() - before)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    whole, growth = (float(part) for part in done.stdout.split())
+    assert whole < 400
+    assert growth < 10
