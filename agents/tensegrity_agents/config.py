@@ -2,7 +2,7 @@
 
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import gymnasium as gym
 from pydantic import (
@@ -18,7 +18,7 @@ from pydantic import (
 
 import tensegrity_envs
 from tensegrity_agents import env_options
-from tensegrity_agents.controllers import baselines_of
+from tensegrity_agents.controllers import baselines_of, teachers_of
 from tensegrity_agents.sb3.hints import Hints
 from tensegrity_agents.yaml_file import ConfigError, read_yaml
 
@@ -49,6 +49,33 @@ class PPOSettings(_Strict):
     clip_range: float = Field(0.2, gt=0)
     ent_coef: float = Field(0.0, ge=0)
     log_std_init: float = -0.5
+    log_std_end: float | None = Field(
+        None, description="log std of the exploration falls or rises linearly from log_std_init to this one, untrained"
+    )
+    value_rollouts: int = Field(
+        0, ge=0, description="after a teacher, so many rollouts train the value function alone, not the policy"
+    )
+
+
+class TeacherSettings(_Strict):
+    """A teacher that is told the truth shows the agent what to do where the agent comes to, before PPO begins.
+
+    See `sb3.teacher_student`.
+    """
+
+    controller: str = Field("oracle", description="see controllers.teachers_of; it is told the truth")
+    timesteps: int = Field(ge=1, description="environment steps with the teacher, the first of total_timesteps")
+    n_steps: int = Field(20, ge=1, description="environment steps between two trainings, in each of ppo.num_envs")
+    gradient_steps: int = Field(60, ge=1, description="of each training")
+    batch_size: int = Field(2048, ge=1)
+    buffer_size: int = Field(400_000, ge=1, description="the latest steps, which are trained on")
+    learning_rate: float = Field(1e-3, gt=0, description="at the start; falls linearly to a fiftieth")
+    beta: float = Field(0.05, gt=0, description="error of an action from which on the loss is linear: smooth L1")
+    rounds_with_teacher: int = Field(
+        3, ge=0, description="the share of actions that are the teacher's own falls from 1 to 0 in so many rounds"
+    )
+    horizon: int = Field(60, ge=1, description="steps that the teacher plans ahead")
+    replan_after: int = Field(25, ge=1, description="steps after which the teacher plans anew")
 
 
 class OffPolicySettings(_Strict):
@@ -83,6 +110,12 @@ class TrainConfig(_Strict):
     goal_is_angles: bool = Field(False, description="goals are angles on the torus, see GoalErrorExtractor")
     model_hints: bool = Field(
         False, description="the nominal model tells the agent what it makes of the observation, see sb3.hints"
+    )
+    history: int = Field(
+        0, ge=0, description="observations and actions of so many steps before, and the first observation, are seen"
+    )
+    teacher: TeacherSettings | None = Field(
+        None, description="shows the agent what to do before PPO begins; see sb3.teacher_student"
     )
     env_options: dict[str, Any] = Field(
         {},
@@ -175,6 +208,22 @@ class Experiment(_Strict):
         return self
 
     @model_validator(mode="after")
+    def _teacher_fits(self) -> "Experiment":
+        train, teacher = self.train, self.train.teacher
+        if teacher is None:
+            return self
+        if train.algorithm != "ppo":
+            raise ValueError(f"teacher: needs algorithm: ppo, not {train.algorithm}")
+        if teacher.timesteps > train.total_timesteps:
+            raise ValueError(f"teacher.timesteps: at most total_timesteps, {train.total_timesteps}")
+        known = teachers_of(self.env)
+        if teacher.controller not in known:
+            raise ValueError(
+                f"teacher.controller: no {teacher.controller!r} for {self.env}; there are {', '.join(known)}"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _options_fit(self) -> "Experiment":
         evaluated = env_options.check_options(self.env, self.options)
         trained = env_options.check_options(self.env, self.training_options)
@@ -240,7 +289,8 @@ def _explain(item: Any) -> str:
     model: Any = Experiment
     for part in item["loc"][:-1]:
         if part in getattr(model, "model_fields", {}):
-            model = model.model_fields[part].annotation
+            annotation = model.model_fields[part].annotation
+            model = next((kind for kind in get_args(annotation) if hasattr(kind, "model_fields")), annotation)
     known = list(model.model_fields)
     close = get_close_matches(str(item["loc"][-1]), known, 1)
     hint = f"did you mean {close[0]!r}? " if close else ""

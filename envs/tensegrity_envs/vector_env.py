@@ -118,6 +118,11 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         """The present episodes, with their hidden parameters of shape (num_envs,) (privileged)."""
         return self.core.episodes.unpack(self._running().copy())  # type: ignore[no-any-return]
 
+    @property
+    def matrices(self) -> tuple[np.ndarray, np.ndarray]:
+        """Copies of the matrices of the present episodes and of the latest outcomes (privileged); see `Core`."""
+        return self._running().copy(), self._outcomes.copy()
+
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -6,7 +6,8 @@ import pytest
 
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.evaluation.rollout import evaluate
-from tensegrity_agents.sb3.hints import HintedVecEnv, Hints
+from tensegrity_agents.sb3.augmented import AugmentedVecEnv
+from tensegrity_agents.sb3.hints import Hints
 from tensegrity_agents.sb3.policy_file import load_policy
 from tensegrity_agents.sb3.training import train
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
@@ -152,7 +153,7 @@ def test_the_gap_under_a_force_leads_to_a_stable_equilibrium_with_the_tip_on_the
 @pytest.mark.parametrize("env_id", [REACH, LOADED])
 def test_single_observations_terminal_ones_and_batches_agree(env_id):
     hints = Hints(env_id)
-    envs = HintedVecEnv(VectorEnvAdapter(make_vec(env_id, 8)), hints)
+    envs = AugmentedVecEnv(VectorEnvAdapter(make_vec(env_id, 8)), hints)
     envs.seed(0)
     observation = envs.reset()
     assert observation["observation"].shape == (8, envs.observation_space["observation"].shape[0])

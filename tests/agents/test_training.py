@@ -186,6 +186,17 @@ VARIANTS = {
         "env": "tensegrity/PlanarFourBarLoadedReach-v0",
         "train": SMALL["train"] | {"total_timesteps": 4096, "segment_timesteps": 500_000, "model_hints": True},
     },
+    "taught": SMALL
+    | {
+        "train": SMALL["train"]
+        | {
+            "segment_timesteps": 500_000,
+            "history": 2,
+            "teacher": {"timesteps": 3072, "n_steps": 8, "gradient_steps": 4, "batch_size": 64, "buffer_size": 2000},
+            "ppo": SMALL["train"]["ppo"] | {"log_std_end": -1.5, "value_rollouts": 1},
+        },
+        "randomization": {"actuation_delay": [0, 2], "tip_noise": 0.001},
+    },
     "randomized": SMALL
     | {"randomization": {"stiffness": [0.9, 1.1], "actuation_delay": [0, 2], "tip_noise": 0.001}, "tolerance": 0.02},
 }

@@ -17,7 +17,7 @@ from tensegrity_agents.controllers.spatial_prism.dynamic import CurveTracking, T
 from tensegrity_agents.controllers.two_x import posture
 from tensegrity_envs.core import Core
 
-__all__ = ["BASELINES", "DYNAMIC", "baselines_of", "make_controller"]
+__all__ = ["BASELINES", "DYNAMIC", "baselines_of", "make_controller", "teachers_of"]
 
 # By the name of the environment's arm (tensegrity_envs.environments), then by their own: how to make each for a core.
 BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
@@ -88,6 +88,18 @@ DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
         "oracle": partial(CurveTracking, base=spatial_prism.Oracle),
     },
 }
+
+
+# Those that only teach agents (sb3.teacher_student), beside the baselines, by the name of the arm.
+TEACHERS: dict[str, dict[str, Callable[[Core], Any]]] = {"TwoXReach": {"careful_oracle": two_x.CarefulOracle}}
+
+
+def teachers_of(env_id: str) -> dict[str, Callable[[Core], Any]]:
+    """What can teach an agent in an environment, by name: its planners that are told the truth, its other baselines,
+    and those that only teach.
+    """
+    baselines = {name: make for name, make in baselines_of(env_id).items() if name != "random"}
+    return baselines | TEACHERS.get(gym.spec(env_id).kwargs["arm"], {})
 
 
 def baselines_of(env_id: str) -> dict[str, Callable[[Core], Any]]:

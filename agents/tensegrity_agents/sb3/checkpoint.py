@@ -12,7 +12,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from tensegrity_agents.config import TrainConfig
-from tensegrity_agents.sb3.hints import HintedVecEnv
+from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
 CHECKPOINT = "checkpoint.pt"
@@ -33,6 +33,7 @@ class Progressed(NamedTuple):
         evaluations: rows of the evaluations.
         episodes: state of the latest training episodes, see `CompleteEpisodes.state`; None if there is none.
         running: state of environments and random numbers within a segment, see `running_state`; None at its beginning.
+        teaching: what teacher and student have come to, see `teacher_student.Lessons.state`; None if there is none.
     """
 
     seconds: float
@@ -42,6 +43,7 @@ class Progressed(NamedTuple):
     evaluations: list[list[float]]
     episodes: dict[str, Any] | None
     running: dict[str, Any] | None
+    teaching: dict[str, Any] | None = None
 
 
 def keep(path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNormalize, so_far: Progressed) -> None:
@@ -99,8 +101,10 @@ def _restored(content: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) 
     }
     found |= {
         name: _mapped(found[name], torch.Tensor, lambda tensor: tensor.numpy().copy())
-        for name in ("episodes", "running")
+        for name in ("episodes", "running", "teaching")
     }
+    if found["teaching"] is not None:
+        found["teaching"]["optimizer"] = content["teaching"]["optimizer"]  # which is Torch's own
     so_far = Progressed(**found)
     saved = content["normalization"]
     model.set_parameters(content["parameters"], exact_match=True)
@@ -119,14 +123,14 @@ def _restored(content: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) 
 
 def running_state(model: BaseAlgorithm, env: VecNormalize) -> dict[str, Any]:
     """What a training on native environments depends on between two rollouts, beside model and normalization."""
-    monitor, hinted, adapter = _parts(env)
-    memory = None if hinted is None or hinted.memory is None else list(hinted.memory)
+    monitor, augmented, adapter = _parts(env)
+    memories = [None if one.memory is None else list(one.memory) for one in augmented]
     name, keys, *rest = np.random.get_state()  # noqa: NPY002  (SB3 draws from it)
     return {
         "environments": adapter.envs.unwrapped.get_state(),  # type: ignore[attr-defined]
         "returns": monitor.episode_returns.copy(),
         "lengths": monitor.episode_lengths.copy(),
-        "memory": memory,
+        "memories": memories,
         "observation": model._last_obs,
         "starts": model._last_episode_starts,
         "torch": torch.get_rng_state(),
@@ -137,12 +141,12 @@ def running_state(model: BaseAlgorithm, env: VecNormalize) -> dict[str, Any]:
 
 def go_on(state: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> None:
     """Go on where `running_state` was told."""
-    monitor, hinted, adapter = _parts(env)
-    (adapter if hinted is None else hinted).reset()  # which makes what the states go into
+    monitor, augmented, adapter = _parts(env)
+    monitor.venv.reset()  # which makes what the states go into
     adapter.envs.unwrapped.set_state(state["environments"])  # type: ignore[attr-defined]
     monitor.episode_returns, monitor.episode_lengths = state["returns"], state["lengths"]
-    if hinted is not None and state["memory"] is not None:
-        hinted.memory = type(hinted.memory)(*state["memory"])
+    for one, memory in zip(augmented, state["memories"], strict=True):
+        one.memory = None if memory is None else type(one.memory)(*memory)
     model._last_obs, model._last_episode_starts = state["observation"], state["starts"]
     torch.set_rng_state(torch.from_numpy(state["torch"]))
     name, keys, *rest = state["numpy"]
@@ -160,12 +164,20 @@ def with_later_settings(before: dict[str, Any], described: dict[str, Any]) -> di
     return {key: later[key] for key in described if key in later} | before
 
 
-def _parts(env: VecNormalize) -> tuple[VecMonitor, HintedVecEnv | None, VectorEnvAdapter]:
+def adapter_of(env: VecNormalize) -> VectorEnvAdapter:
+    """The adapter within the wrappers of a training's environments."""
+    return _parts(env)[2]
+
+
+def _parts(env: VecNormalize) -> tuple[VecMonitor, list[AugmentedVecEnv], VectorEnvAdapter]:
+    """The wrappers and the adapter within."""
     monitor: Any = env.venv
     inner: Any = monitor.venv
-    hinted = inner if isinstance(inner, HintedVecEnv) else None
-    adapter: Any = inner if hinted is None else hinted.venv
-    return monitor, hinted, adapter
+    augmented = []
+    while isinstance(inner, AugmentedVecEnv):
+        augmented.append(inner)
+        inner = inner.venv
+    return monitor, augmented, inner
 
 
 def _mapped(tree: Any, kind: type[Any], change: Callable[[Any], Any]) -> Any:

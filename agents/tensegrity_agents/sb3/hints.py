@@ -10,7 +10,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from tensegrity_agents.controllers import planar_four_bar
 from tensegrity_agents.controllers.base import beginning
@@ -69,34 +68,6 @@ class Hints:
         told = np.concatenate([batch["observation"], told], axis=1).astype(np.float32)
         return {**observation, "observation": told[0] if single else told}, memory
 
-
-class HintedVecEnv(VecEnvWrapper):
-    """A vector environment of Stable-Baselines3 whose observations, terminal ones included, come with hints.
-
-    Attributes:
-        memory: what `hints` remember of the running episodes.
-    """
-
-    def __init__(self, venv: VecEnv, hints: Hints) -> None:
-        assert isinstance(venv.observation_space, spaces.Dict)
-        self.hints = hints
-        self.memory: Any = None
-        super().__init__(venv, hints.space(venv.observation_space))
-
-    def reset(self) -> Any:
-        """Begin new episodes everywhere."""
-        told, self.memory = self.hints(self.venv.reset())  # type: ignore[arg-type]
-        return told
-
-    def step_wait(self) -> Any:
-        """Take the step."""
-        observation, reward, done, infos = self.venv.step_wait()
-        ended = np.flatnonzero(done)
-        if len(ended):
-            last = [infos[i]["terminal_observation"] for i in ended]
-            memory = None if self.memory is None else type(self.memory)(*(part[ended] for part in self.memory))
-            told, _ = self.hints({key: np.stack([seen[key] for seen in last]) for key in last[0]}, memory, ~done[ended])
-            for row, i in enumerate(ended):
-                infos[i]["terminal_observation"] = {key: value[row] for key, value in told.items()}
-        told, self.memory = self.hints(observation, self.memory, done)  # type: ignore[arg-type]
-        return told, reward, done, infos
+    def acted(self, memory: Any, actions: np.ndarray) -> Any:
+        """See `augmented.Augmentation`; actions are not remembered."""
+        return memory

@@ -20,8 +20,10 @@ from stable_baselines3.common.policies import BasePolicy, MultiInputActorCriticP
 from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import MultiInputPolicy as SACPolicy
 
+from tensegrity_agents.sb3.augmented import Augmentation
 from tensegrity_agents.sb3.features import GoalErrorExtractor
 from tensegrity_agents.sb3.hints import Hints
+from tensegrity_agents.sb3.history import History
 
 FORMAT = 1
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
@@ -65,23 +67,50 @@ class TrainedPolicy:
 
     Attributes:
         knows: what it is told and measures, for tables.
-        hints: what the nominal model tells it beside the observation; None for an agent without.
+        augmentations: what is appended to its observations before they are normalized, one after another.
     """
 
     def __init__(self, policy: BasePolicy, normalization: Normalization, description: dict[str, Any]) -> None:
         self.policy, self.normalization, self.description = policy, normalization, description
-        self.hints = Hints(description["env"], description.get("options")) if description.get("model_hints") else None
-        told = "what it observes, and what the nominal model says about that" if self.hints else "only what it observes"
-        self.knows = f"{told}; trained by trial and error"
+        self.augmentations = augmentations(description)
+        told = "what it observes, and what the nominal model says about that"
+        remembered = "what it observes and has observed in the episode" if description.get("history") else ""
+        sees = told if description.get("model_hints") else remembered or "only what it observes"
+        has_teacher = (description.get("train") or {}).get("teacher")
+        self.knows = (
+            f"{sees}; {'taught by a planner that knows more, and ' if has_teacher else ''}trained by trial and error"
+        )
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Actions for one observation or a batch, and what its hints remember."""
-        if self.hints is not None:
-            observation, state = self.hints(observation, state, episode_start)
+        """Actions for one observation or a batch, and what is remembered for the next."""
+        memories = []
+        for k, augmentation in enumerate(self.augmentations):
+            observation, memory = augmentation(observation, None if state is None else state[k], episode_start)
+            memories.append(memory)
         actions, _ = self.policy.predict(self.normalization(observation), deterministic=deterministic)
-        return actions, state
+        pairs = zip(self.augmentations, memories, strict=True)
+        return actions, [augmentation.acted(memory, actions) for augmentation, memory in pairs] or None
+
+
+def augmentations(description: Mapping[str, Any]) -> list[Augmentation]:
+    """What is appended to observations, in this order, according to the description of a policy or its training.
+
+    Args:
+        description: with "env" and "options"; "model_hints" and "history" count.
+
+    Raises:
+        ValueError: there are no hints for the environment.
+    """
+    found: list[Augmentation] = []
+    space, action_space = _spaces(description["env"], description.get("options"))
+    if description.get("model_hints"):
+        found.append(Hints(description["env"], description.get("options")))
+        space = found[-1].space(space)
+    if description.get("history"):
+        found.append(History.of(int(description["history"]), space, action_space))
+    return found
 
 
 def policy_kwargs(
@@ -196,8 +225,8 @@ def load_policy(
     try:
         mean, variance = (tensors.pop(_NORMALIZE + key).numpy() for key in ("mean", "variance"))
         observation_space, action_space = _spaces(env, trained_with)
-        if description.get("model_hints"):
-            observation_space = Hints(env, trained_with).space(observation_space)
+        for augmentation in augmentations(description):
+            observation_space = augmentation.space(observation_space)
         policy = _POLICIES[algorithm](
             observation_space, action_space, lambda _: 0.0, **policy_kwargs(algorithm, *settings)
         )

@@ -2,7 +2,8 @@
 
 A segment begins with freshly reset environments and reseeded random numbers, both functions of (seed, segment) alone.
 A checkpoint within a segment also holds the states of environments and random numbers, and is made between two
-rollouts: after a time, and when the process is asked to stop (SIGINT, SIGTERM). For PPO a resumed run therefore repeats
+rollouts: after a time, and when the process is asked to stop (SIGINT, SIGTERM). What a teacher shows (see
+`teacher_student`) is the first segment, and its rounds are rollouts. For PPO a resumed run therefore repeats
 exactly what an uninterrupted one would have done (same machine, same number of threads). SAC and TQC also need their
 replay buffer, which is not kept: after a resume they begin a new segment, and the buffer fills anew before learning
 goes on, so their results differ from an uninterrupted run, though not in kind.
@@ -15,7 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -29,10 +30,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 from tensegrity_agents import env_options
 from tensegrity_agents.config import Experiment
+from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.checkpoint import (
     CHECKPOINT,
     Progressed,
     TrainingError,
+    adapter_of,
     go_on,
     keep,
     restore,
@@ -48,8 +51,14 @@ from tensegrity_agents.sb3.curve import (
     read_curve,
     write_curve,
 )
-from tensegrity_agents.sb3.hints import HintedVecEnv, Hints
-from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, policy_kwargs, save_policy
+from tensegrity_agents.sb3.policy_file import (
+    Normalization,
+    TrainedPolicy,
+    augmentations,
+    policy_kwargs,
+    save_policy,
+)
+from tensegrity_agents.sb3.teacher_student import Lessons
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
 __all__ = [
@@ -129,6 +138,13 @@ class _Training(BaseCallback):
         limit = experiment.training_options.get("max_episode_steps", gym.spec(experiment.env).max_episode_steps)
         self.episodes = CompleteEpisodes(self.env.num_envs, None if limit == -1 else limit, self.on_policy)
         self.evaluate = Evaluations(experiment)
+        self.lessons: Lessons | None = None
+        self.taught = 0  # time steps
+        if self.settings.teacher is not None:
+            assert isinstance(self.algorithm, PPO)
+            shell: Any = adapter_of(self.env).envs.unwrapped
+            self.lessons = Lessons(experiment, self.algorithm, self.env, shell)
+            self.taught = self.lessons.timesteps
         self.rows: list[list[float]] = []
         self.evaluations: list[list[float]] = []
         self.segment, self.segment_end = 0, 0
@@ -155,6 +171,10 @@ class _Training(BaseCallback):
                     f"{path}: does not fit ({error}); delete it (or use --fresh) to start anew"
                 ) from error
             self.segment_end = found.segment_end
+        if self.lessons is not None and found.segment > 0:
+            self.lessons = None
+        elif self.lessons is not None and found.teaching is not None:
+            self.lessons.go_on(found.teaching)
 
     def run(self) -> None:
         """Train to the end.
@@ -165,6 +185,8 @@ class _Training(BaseCallback):
         total, model = self.settings.total_timesteps, self.algorithm
         self.begun = time.monotonic() - self.seconds
         with _stopping() as self.stop:
+            if self.lessons is not None:
+                self._be_taught(self.lessons)
             while model.num_timesteps < total:
                 if model.num_timesteps >= self.segment_end:
                     _reseed(model, self.env, self.seed, self.segment)
@@ -179,6 +201,28 @@ class _Training(BaseCallback):
                 if self.stop.number is not None and model.num_timesteps < total:
                     raise TrainingInterruptedError(model.num_timesteps, self.stop.number)
 
+    @property
+    def share_done(self) -> float:
+        """Of the training by reinforcement, from 0 to 1."""
+        done, total = (count - self.taught for count in (self.algorithm.num_timesteps, self.settings.total_timesteps))
+        return min(max(done / max(total, 1), 0.0), 1.0)
+
+    def _be_taught(self, lessons: Lessons) -> None:
+        """The first segment of a training with a teacher."""
+        model = self.algorithm
+        if lessons.round == 0:
+            _reseed(model, self.env, self.seed, self.segment)
+            self.episodes.reset()
+            lessons.begin()
+            self.segment_end = self.taught
+        while lessons.round < lessons.rounds:
+            self._between_rollouts()
+            lessons.give(self._after_step)
+        self.lessons, self.segment = None, self.segment + 1
+        if model.num_timesteps >= self.settings.total_timesteps:
+            self._evaluate()
+        self._keep(within=False)
+
     def agent(self) -> TrainedPolicy:
         """What has been trained so far."""
         settings = self.settings
@@ -192,6 +236,7 @@ class _Training(BaseCallback):
             "goal_is_angles": settings.goal_is_angles,
             "goal_scale": settings.goal_scale,
             "model_hints": settings.model_hints,
+            "history": settings.history,
             "seed": self.seed,
             "timesteps": self.algorithm.num_timesteps,
             "training_seconds": round(time.monotonic() - self.begun, 1),
@@ -200,6 +245,24 @@ class _Training(BaseCallback):
         return TrainedPolicy(self.algorithm.policy, Normalization.of(self.env), description)
 
     def _on_rollout_start(self) -> None:
+        self._between_rollouts()
+        self._set_exploration()
+
+    def _set_exploration(self) -> None:
+        """What the settings say about exploration and about training the value function alone."""
+        if not self.on_policy:
+            return
+        ppo, policy = self.settings.ppo, cast(Any, self.algorithm.policy)
+        if ppo.log_std_end is not None:
+            policy.log_std.data.fill_(ppo.log_std_init + (ppo.log_std_end - ppo.log_std_init) * self.share_done)
+        done = self.algorithm.num_timesteps - self.taught
+        warm = self.taught > 0 and done < ppo.value_rollouts * ppo.n_steps * ppo.num_envs
+        for parameters in (policy.mlp_extractor.policy_net, policy.action_net):
+            parameters.requires_grad_(not warm)
+        policy.log_std.requires_grad_(ppo.log_std_end is None and not warm)
+
+    def _between_rollouts(self) -> None:
+        """Evaluate, keep what there is, or stop, if it is time."""
         now = time.monotonic()
         if self.evaluate.is_due(self.algorithm.num_timesteps, self.evaluations):
             self._evaluate()
@@ -210,18 +273,22 @@ class _Training(BaseCallback):
             self._keep(within=True)
 
     def _on_step(self) -> bool:
-        self.episodes.add(self.locals["dones"], self.locals["infos"])
+        self._after_step(self.locals["dones"], self.locals["infos"])
+        return True
+
+    def _after_step(self, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
+        """Add a step of all environments to the curve."""
+        self.episodes.add(dones, infos)
         now = time.monotonic()
         if now - self.shown < (1.0 if self.on_policy else 5.0):
-            return True
+            return
         self.shown = now
         means = self.episodes.means()
         if means is not None:
-            self.rows.append([now - self.begun, float(self.num_timesteps), *means])
+            self.rows.append([now - self.begun, float(self.algorithm.num_timesteps), *means])
         if self.report is not None:
-            total = self.settings.total_timesteps
-            self.report(min(self.num_timesteps, total), total, float("nan") if means is None else means[0])
-        return True
+            done, total = self.algorithm.num_timesteps, self.settings.total_timesteps
+            self.report(min(done, total), total, float("nan") if means is None else means[0])
 
     def _evaluate(self) -> None:
         """Add a point to the curve without noise; neither time nor random numbers of the training are spent."""
@@ -247,7 +314,8 @@ class _Training(BaseCallback):
         seconds, episodes = time.monotonic() - self.begun, self.episodes.state()
         write_curve(self.folder / CURVE, self.rows)
         write_curve(self.folder / EVALUATIONS, self.evaluations)
-        so_far = Progressed(seconds, segment, end, self.rows, self.evaluations, episodes, running)
+        teaching = self.lessons.state() if within and self.lessons is not None else None
+        so_far = Progressed(seconds, segment, end, self.rows, self.evaluations, episodes, running, teaching)
         keep(self.folder / CHECKPOINT, self.described, model, env, so_far)
         self.saved = time.monotonic()
 
@@ -285,7 +353,7 @@ def train(
     # SB3 tells a schedule the progress within one call of learn(); ours is over the whole training.
     settings = experiment.train
     rate = (settings.ppo if settings.algorithm == "ppo" else settings.off_policy).learning_rate
-    model.lr_schedule = lambda _: rate * max(1.0 - model.num_timesteps / total, 0.0)
+    model.lr_schedule = lambda _: rate * (1.0 - training.share_done)
     training.run()
     if progress is not None:
         progress(total, total, training.evaluations[-1][2] if training.evaluations else float("nan"))
@@ -302,8 +370,9 @@ def _environment(experiment: Experiment) -> VecNormalize:
         inner: Any = VectorEnvAdapter.make(experiment.env, settings.ppo.num_envs, stagger=True, **options)
     else:
         inner = DummyVecEnv([lambda: gym.make(experiment.env, **options)])
-    if settings.model_hints:
-        inner = HintedVecEnv(inner, Hints(experiment.env, experiment.options))
+    described = {"env": experiment.env, "options": experiment.options, **settings.model_dump(mode="json")}
+    for augmentation in augmentations(described):
+        inner = AugmentedVecEnv(inner, augmentation)
     return VecNormalize(VecMonitor(inner), norm_obs_keys=["observation"], norm_reward=False)
 
 

@@ -12,6 +12,7 @@ from tensegrity_envs.mechanics import TwoX
 _SAMPLES = 41  # along a straight path
 _GRID = 81  # nodes along each angle
 _CLEARANCE = 0.01  # least margin along a path [-]
+_WORTH = 4.0  # [rad] of a longer path is what enough margin is worth against none
 
 
 def margin(model: TwoX, q: np.ndarray) -> np.ndarray:
@@ -28,13 +29,17 @@ def straight_clearance(model: TwoX, start: np.ndarray, end: np.ndarray) -> np.nd
     return least
 
 
-def choose_solution(model: TwoX, start: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def choose_solution(
+    model: TwoX, start: np.ndarray, target: np.ndarray, enough: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Of all inverse solutions of each target, the one whose straight joint path stays feasible and is shortest.
 
     Args:
         model: one design, or one for each of n targets.
         start: configurations (n, 2) [rad].
         target: positions (n, 2) [m].
+        enough: least margin along a path [-] up to which more of it is worth a longer path; 0 looks at the length
+            alone.
 
     Returns:
         The configurations (n, 2), and whether their straight path is feasible (n,). Where none is, the one whose path
@@ -47,9 +52,10 @@ def choose_solution(model: TwoX, start: np.ndarray, target: np.ndarray) -> tuple
         clearance = straight_clearance(model, start.T, table[:, :, k])
         length = np.abs(table[:, :, k] - start.T).max(axis=0)
         feasible[:, k] = (clearance > 0) & ~missing[:, k]
-        rank[:, k] = np.where(
-            missing[:, k], -np.inf, np.where(clearance > 0, 100.0 - length, np.minimum(clearance, 0.0))
-        )
+        worth = 100.0 - length
+        if enough > 0:
+            worth = worth + _WORTH * np.minimum(clearance / enough, 1.0)
+        rank[:, k] = np.where(missing[:, k], -np.inf, np.where(clearance > 0, worth, np.minimum(clearance, 0.0)))
     rows = np.arange(len(start))
     best = rank.argmax(axis=1)
     reached = ~missing[rows, best]

@@ -66,7 +66,7 @@ class ReachController(AnalyticController[Memory]):
             # The command that the tensions stand for: where the nominal arm would be under them.
             rest = self.nominal.equilibrium(tuple(observed.tensions.T), tuple(q.T))
             commanded = np.where(np.asarray(rest.is_stable)[:, None], np.stack(rest.configuration, axis=1), q)
-        return q, commanded, np.full(len(index), float(self.nominal.design.payload))
+        return q, commanded, np.array(np.broadcast_to(np.asarray(self.nominal.design.payload, float), index.shape))
 
     def _arm(self, payload: np.ndarray) -> TwoX:
         """The arm as this controller believes it to be."""
@@ -162,6 +162,7 @@ class Oracle(Observer):
 
     wants_privileged = True
     knows = "the true payload; plans paths inside the stable wrench-feasible set"
+    clearance = 0.0  # see `choose_solution`
 
     def _believed(self, observed: DecodedObservation, index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         configuration, commanded, _ = super()._believed(observed, index)
@@ -169,10 +170,18 @@ class Oracle(Observer):
         return configuration, commanded, payload[index] if payload.ndim else np.full(len(index), payload)
 
     def _paths(self, model: TwoX, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
-        goal, straight = choose_solution(model, start, observed.target)
+        goal, straight = choose_solution(model, start, observed.target, self.clearance)
         paths = [point[None] for point in goal]
         for i in np.flatnonzero(~straight):
             around = plan(model.take(i), start[i], observed.target[i])
             if around:
                 paths[i] = np.array(around)
         return paths
+
+
+class CarefulOracle(Oracle):
+    """Of several straight paths it takes a longer one that keeps off the edge of the feasible set: a teacher of those
+    who cannot follow as exactly.
+    """
+
+    clearance = 0.1

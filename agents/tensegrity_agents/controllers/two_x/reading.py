@@ -56,7 +56,7 @@ def estimate_payload(nominal: TwoX, observed: DecodedObservation) -> Estimate:
     balance = np.stack(model_columns(nominal, table, observed.tensions))  # gradient with the nominal payload [N m]
     lever = np.stack(nominal.jacobian(tuple(table))[1]) * nominal.design.gravity  # gradient of 1 kg at the tip
     extra = -(balance * lever).sum(axis=0) / np.maximum((lever * lever).sum(axis=0), 1e-12)
-    extra = np.maximum(extra, -nominal.design.payload)
+    extra = np.maximum(extra, -np.reshape(nominal.design.payload, (-1, 1)))  # of one design, or of n
     residual = np.hypot(*(balance + extra * lever))
     residual = np.where(missing, np.inf, residual)
     best = np.argmin(residual, axis=1)
@@ -72,6 +72,7 @@ def solutions(model: TwoX, position: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def model_columns(model: TwoX, table: np.ndarray, tensions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Energy gradient [N m] at a table (2, n, m) of configurations under tensions of shape (n, 4)."""
-    first, second = model.energy_gradient(tuple(table), tuple(tensions.T[:, :, None]))
-    return np.broadcast_to(first, table.shape[1:]), np.broadcast_to(second, table.shape[1:])
+    """Energy gradient [N m] at a table (2, n, m) of configurations under tensions (n, 4), of one design or of n."""
+    gradient = model.energy_gradient(tuple(table.transpose(0, 2, 1)), tuple(tensions.T))
+    first, second = (np.broadcast_to(part, table.shape[:0:-1]).T for part in gradient)
+    return first, second

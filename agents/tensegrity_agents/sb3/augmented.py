@@ -1,0 +1,72 @@
+"""A vector environment of Stable-Baselines3 whose observations come with what is remembered of the episode."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from gymnasium import spaces
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
+
+class Augmentation(Protocol):
+    """What appends numbers to the entry "observation", and remembers what it needs for that from step to step."""
+
+    def space(self, space: spaces.Dict) -> spaces.Dict:
+        """The observation space with these numbers."""
+        ...
+
+    def __call__(
+        self, observation: dict[str, Any], memory: Any = None, begins: np.ndarray | None = None
+    ) -> tuple[dict[str, Any], Any]:
+        """The observation or batch of n observations with these numbers.
+
+        Args:
+            observation: Dict of arrays.
+            memory: of the step before; None at first.
+            begins: which of them begin an episode, shape (n,); by default all.
+
+        Returns:
+            The observation, and what to remember: a NamedTuple of arrays (n, ...), or None.
+        """
+        ...
+
+    def acted(self, memory: Any, actions: np.ndarray) -> Any:
+        """What to remember after these actions, shape (n, action size), or that of one environment."""
+        ...
+
+
+class AugmentedVecEnv(VecEnvWrapper):
+    """A vector environment whose observations, terminal ones included, are augmented.
+
+    Attributes:
+        memory: of the running episodes.
+    """
+
+    def __init__(self, venv: VecEnv, augmentation: Augmentation) -> None:
+        assert isinstance(venv.observation_space, spaces.Dict)
+        self.augmentation = augmentation
+        self.memory: Any = None
+        super().__init__(venv, augmentation.space(venv.observation_space))
+
+    def reset(self) -> Any:
+        """Begin new episodes everywhere."""
+        told, self.memory = self.augmentation(self.venv.reset())  # type: ignore[arg-type]
+        return told
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Remember the actions, and hand them on."""
+        self.memory = self.augmentation.acted(self.memory, actions)
+        self.venv.step_async(actions)
+
+    def step_wait(self) -> Any:
+        """Take the step."""
+        observation, reward, done, infos = self.venv.step_wait()
+        ended = np.flatnonzero(done)
+        if len(ended):
+            last = [infos[i]["terminal_observation"] for i in ended]
+            memory = None if self.memory is None else type(self.memory)(*(part[ended] for part in self.memory))
+            seen = {key: np.stack([one[key] for one in last]) for key in last[0]}
+            told, _ = self.augmentation(seen, memory, ~done[ended])
+            for row, i in enumerate(ended):
+                infos[i]["terminal_observation"] = {key: value[row] for key, value in told.items()}
+        told, self.memory = self.augmentation(observation, self.memory, done)  # type: ignore[arg-type]
+        return told, reward, done, infos

@@ -1,0 +1,305 @@
+"""Teacher to student: a planner that is told the truth shows an agent what to do wherever the agent comes to.
+
+This is DAgger [Ross2011] with a privileged teacher [Chen2020]. The teacher is an oracle of the environment. From the
+true state of an episode it is run ahead in the environment's own equations, without noise and delay; the inputs that it
+goes through are a path, and the path is rejoined from wherever the student has come to. The student is the policy of
+PPO. It sees what agents see, acts, and is trained by regression on what the teacher would have done there. The
+teacher's own actions fade out in the first rounds; episodes for which the teacher finds no way to the target are left
+out.
+
+[Ross2011] Ross, Gordon, Bagnell, "A reduction of imitation learning and structured prediction to no-regret online
+learning", AISTATS 2011.
+[Chen2020] Chen, Zhou, Koltun, Kraehenbuehl, "Learning by cheating", CoRL 2020.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecNormalize
+
+from tensegrity_agents.config import Experiment
+from tensegrity_agents.controllers import teachers_of
+from tensegrity_agents.sb3.policy_file import Normalization
+from tensegrity_envs.simulation.protocol import RUNNING
+
+_AHEAD = 8  # steps of a path among which the one to go to is looked for
+_OFF = 1.5  # steps: farther from its path than that, the teacher plans anew
+_SETTLED = 5  # steps before which it does not
+_STILL = 1e-3  # steps: what moves less has come to rest
+_HIDDEN = ("actuation_delay", "tip_noise", "angle_noise")  # what the teacher's model of an episode is without
+_SLOWEST = 0.02  # of the learning rate, at the end
+
+
+class Teacher:
+    """What an oracle would do, in every environment of a vector.
+
+    Args:
+        name: of the oracle, see `controllers.teachers_of`.
+        env_id: Gymnasium id.
+        options: of the environments.
+        shell: the vector environment (`tensegrity_envs.vector_env.ManipulatorVectorEnv`).
+        horizon: steps of a plan.
+        replan_after: steps after which it plans anew, if the target is not reached.
+
+    Attributes:
+        path: values of what the actions change, (n, horizon, action size); see `driven`.
+        place: how far each has come along its path, (n,).
+        age: steps since the path was planned, (n,).
+        off: distance from the path in steps, (n,).
+        knows_a_way: whether the path leads to the target, (n,).
+        past: the latest actions, which may still be pending, (delay, n, action size).
+    """
+
+    def __init__(
+        self, name: str, env_id: str, options: dict[str, Any], shell: Any, horizon: int, replan_after: int
+    ) -> None:
+        self.shell, self.horizon, self.replan_after = shell, horizon, replan_after
+        self.true = shell.core
+        drawn = {n: getattr(self.true.randomization, n) for n in self.true.randomization.names if n not in _HIDDEN}
+        own = {key: value for key, value in options.items() if key != "randomization"}
+        own |= {"randomization": drawn} if drawn else {}
+        env: Any = gym.make(env_id, **own).unwrapped
+        self.core = env.core
+        self.oracle = teachers_of(env_id)[name](self.core)
+        n, size = shell.num_envs, self.core.simulation.action_size
+        self.rate = float(self.core.simulation.rate)
+        self.path = np.zeros((n, horizon, size))
+        self.place, self.age, self.off = np.zeros(n, int), np.zeros(n, int), np.zeros(n)
+        self.knows_a_way = np.zeros(n, bool)
+        self.past = np.zeros((self.true.randomization.longest_delay, n, size))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that determines what follows, beside the environments."""
+        names = ("path", "place", "age", "off", "knows_a_way", "past")
+        return {name: getattr(self, name).copy() for name in names}
+
+    def go_on(self, state: dict[str, np.ndarray]) -> None:
+        """Go on where `state` was told."""
+        for name, value in state.items():
+            setattr(self, name, value)
+
+    def actions(self, begins: np.ndarray) -> np.ndarray:
+        """What the oracle would do now, (n, action size).
+
+        Args:
+            begins: which environments are at the beginning of an episode, (n,).
+        """
+        episodes, outcomes = self.shell.matrices
+        self.past[:, begins] = 0.0
+        rows = self.true.outcomes.rows
+        lost = (self.age >= self.replan_after) | ((self.off > _OFF) & (self.age >= _SETTLED))
+        anew = np.flatnonzero(begins | (lost & (outcomes[rows.info["is_success"]] == 0)))
+        if len(anew):
+            self.path[anew], self.knows_a_way[anew] = self._planned(episodes[:, anew], outcomes[:, anew])
+            self.place[anew] = self.age[anew] = 0
+        self.age += 1
+        return self._rejoined(self._coming(episodes, outcomes))
+
+    def note(self, actions: np.ndarray) -> None:
+        """Remember what was done, (n, action size): under a delay it is still to come."""
+        if len(self.past):
+            self.past = np.concatenate([np.clip(actions, -1.0, 1.0)[None], self.past[:-1]])
+
+    def _coming(self, episodes: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
+        """What the actions change, (n, action size), once the pending actions are taken."""
+        here = driven(self.true, outcomes)
+        if not len(self.past):
+            return here
+        delay = episodes[self.true.episodes.rows.random["actuation_delay"]]
+        for k, actions in enumerate(self.past):
+            here = here + np.where((delay > k)[:, None], self.rate * actions, 0.0)
+        if drives_inputs(self.true):
+            here = np.clip(here, *self.true.simulation.bounds(self.true.nominal))
+        return np.asarray(here)
+
+    def _planned(self, episodes: np.ndarray, outcomes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Paths (n, horizon, action size) from these states, and whether each leads to the target."""
+        episodes, outcomes = self._undisturbed(episodes, outcomes)
+        n, rows = outcomes.shape[1], self.core.outcomes.rows
+        episode = self.core.episodes.unpack(episodes)
+        # It is told the true design where others are told the nominal one.
+        self.oracle.begin_episodes(np.ones(n, bool), episode.design, episode)
+        path = np.empty((n, self.horizon, self.path.shape[2]))
+        start, memory, before = np.ones(n, bool), None, driven(self.core, outcomes)
+        failed = np.zeros(n, bool)
+        for step in range(self.horizon):
+            actions, memory = self.oracle.predict(observations(self.core, outcomes), memory, start, deterministic=True)
+            outcomes = self.core.step(episodes, outcomes, np.clip(np.asarray(actions, float).T, -1.0, 1.0))
+            here = driven(self.core, outcomes)
+            path[:, step:] = here[:, None]
+            start = np.zeros(n, bool)
+            failed |= outcomes[rows.state.failure] != RUNNING
+            rests = np.abs(here - before).max(axis=1) < _STILL * self.rate
+            if (failed | (rests & (outcomes[rows.info["is_success"]] != 0))).all():
+                break
+            before = here
+        return path, (outcomes[rows.info["is_success"]] != 0) & ~failed
+
+    def _undisturbed(self, episodes: np.ndarray, outcomes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same episodes and states without delay and noise."""
+        n = outcomes.shape[1]
+        episode = self.true.episodes.unpack(episodes)
+        kept = {name: value for name, value in episode.random.items() if name in self.core.episodes.rows.random}
+        episodes = self.core.episodes.pack(episode._replace(random=kept), n)
+        state = self.true.states.unpack(outcomes[: self.true.states.size])._replace(pending=(), noise=())
+        return episodes, self.core.evaluate(episodes, self.core.states.pack(state, n))
+
+    def _rejoined(self, here: np.ndarray) -> np.ndarray:
+        """Actions that lead to the path, as far along it as one step goes, (n, action size)."""
+        rows = np.arange(len(here))
+        near = np.minimum(self.place[:, None] + np.arange(_AHEAD), self.horizon - 1)
+        away = np.abs(self.path[rows[:, None], near] - here[:, None]).max(axis=2) / self.rate
+        fits = away <= 1.0 + 1e-6
+        best = np.where(fits.any(axis=1), _AHEAD - 1 - fits[:, ::-1].argmax(axis=1), away.argmin(axis=1))
+        self.place, self.off = near[rows, best], away[rows, best]
+        gap = (self.path[rows, self.place] - here) / self.rate
+        return np.asarray(gap / np.maximum(np.abs(gap).max(axis=1, keepdims=True), 1.0))
+
+
+def observations(core: Any, outcomes: np.ndarray) -> dict[str, np.ndarray]:
+    """What n environments observe, according to a matrix of outcomes of n columns."""
+    rows = core.outcomes.rows
+    parts = {"observation": rows.observation, "achieved_goal": rows.achieved, "desired_goal": rows.desired}
+    return {name: np.ascontiguousarray(outcomes[list(part)].T, np.float32) for name, part in parts.items()}
+
+
+def driven(core: Any, outcomes: np.ndarray) -> np.ndarray:
+    """What actions change, (n, action size): the inputs, or the configuration where the joints themselves are driven.
+
+    Args:
+        core: of the environment.
+        outcomes: matrix of n columns.
+    """
+    state = core.outcomes.rows.state
+    return np.asarray(outcomes[list(state.inputs if drives_inputs(core) else state.configuration)].T)
+
+
+def drives_inputs(core: Any) -> bool:
+    """Whether actions change the inputs, not the joints themselves."""
+    return bool(len(core.outcomes.rows.state.inputs) == core.simulation.action_size)
+
+
+class Lessons:
+    """Rounds of steps with the teacher at hand, each followed by training on all that was seen lately.
+
+    Args:
+        experiment: whose `train.teacher` says how.
+        model: of PPO, whose policy is the student.
+        env: its environments.
+        shell: the vector environment within.
+
+    Attributes:
+        round: how many are over.
+    """
+
+    def __init__(self, experiment: Experiment, model: PPO, env: VecNormalize, shell: Any) -> None:
+        settings = experiment.train.teacher
+        assert settings is not None
+        self.settings, self.model, self.env = settings, model, env
+        options = experiment.training_options
+        self.teacher = Teacher(
+            settings.controller, experiment.env, options, shell, settings.horizon, settings.replan_after
+        )
+        net: Any = model.policy
+        self.parameters = [*net.mlp_extractor.policy_net.parameters(), *net.action_net.parameters()]
+        self.optimizer = torch.optim.Adam(self.parameters, lr=settings.learning_rate)
+        self.round, self.rounds = 0, -(-settings.timesteps // (settings.n_steps * env.num_envs))
+        size = min(settings.buffer_size, self.timesteps)
+        space: Any = env.observation_space
+        self.seen = {key: np.zeros((size, *part.shape), np.float32) for key, part in space.spaces.items()}
+        self.shown = np.zeros((size, *(model.action_space.shape or ())), np.float32)
+        self.filled = self.next = 0
+        self.begins = np.ones(env.num_envs, bool)
+        self.observation: Any = None  # before normalization
+
+    @property
+    def timesteps(self) -> int:
+        """How many there are in all rounds."""
+        return self.rounds * self.settings.n_steps * self.env.num_envs
+
+    def begin(self) -> None:
+        """Begin episodes everywhere."""
+        self.model._last_obs = self.env.reset()
+        self.model._last_episode_starts = self.begins = np.ones(self.env.num_envs, bool)
+        self.observation = self.env.get_original_obs()
+
+    def state(self) -> dict[str, Any]:
+        """All that determines what follows, beside model and environments."""
+        return {
+            "teacher": self.teacher.state(),
+            "optimizer": self.optimizer.state_dict(),
+            "round": self.round,
+            "seen": {key: array[: self.filled] for key, array in self.seen.items()},
+            "shown": self.shown[: self.filled],
+            "next": self.next,
+            "begins": self.begins,
+            "observation": self.observation,
+        }
+
+    def go_on(self, state: dict[str, Any]) -> None:
+        """Go on where `state` was told."""
+        self.teacher.go_on(state["teacher"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.round, self.next, self.begins = state["round"], state["next"], state["begins"]
+        self.observation, self.filled = state["observation"], len(state["shown"])
+        self.shown[: self.filled] = state["shown"]
+        for key, array in state["seen"].items():
+            self.seen[key][: self.filled] = array
+
+    def give(self, after_step: Callable[[np.ndarray, list[dict[str, Any]]], None]) -> None:
+        """One round.
+
+        Args:
+            after_step: called with dones and infos of every step of all environments.
+        """
+        model, settings = self.model, self.settings
+        share = max(0.0, 1.0 - self.round / settings.rounds_with_teacher) if settings.rounds_with_teacher else 0.0
+        observation: Any = model._last_obs
+        for _ in range(settings.n_steps):
+            wanted = self.teacher.actions(self.begins)
+            self._store(self.observation, wanted, np.flatnonzero(self.teacher.knows_a_way))
+            actions, _ = model.policy.predict(observation, deterministic=True)
+            own = torch.rand(self.env.num_envs).numpy() < share
+            actions = np.where(own[:, None], wanted, actions).astype(np.float32)
+            self.teacher.note(actions)
+            observation, _, self.begins, infos = self.env.step(actions)
+            self.observation = self.env.get_original_obs()
+            model.num_timesteps += self.env.num_envs
+            after_step(self.begins, infos)
+        model._last_obs, model._last_episode_starts = observation, self.begins
+        self._train()
+        self.round += 1
+
+    def _store(self, observation: Any, wanted: np.ndarray, index: np.ndarray) -> None:
+        size = len(self.shown)
+        index = index[:size]
+        place = (self.next + np.arange(len(index))) % size
+        for key, array in self.seen.items():
+            array[place] = observation[key][index]
+        self.shown[place] = wanted[index]
+        self.next = int(self.next + len(index)) % size
+        self.filled = min(self.filled + len(index), size)
+
+    def _train(self) -> None:
+        settings, policy = self.settings, self.model.policy
+        normalization = Normalization.of(self.env)
+        if not self.filled:
+            return
+        policy.set_training_mode(True)
+        for k in range(settings.gradient_steps):
+            done = (self.round + k / settings.gradient_steps) / self.rounds
+            self.optimizer.param_groups[0]["lr"] = settings.learning_rate * max(1.0 - done, _SLOWEST)
+            place = torch.randint(self.filled, (settings.batch_size,)).numpy()
+            batch = normalization({key: array[place] for key, array in self.seen.items()})
+            tensors = {key: torch.from_numpy(array) for key, array in batch.items()}
+            told = policy.get_distribution(tensors).mode()
+            shown = torch.from_numpy(self.shown[place])
+            loss = torch.nn.functional.smooth_l1_loss(told, shown, beta=settings.beta)
+            self.optimizer.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            self.optimizer.step()
+        policy.set_training_mode(False)

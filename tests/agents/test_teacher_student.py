@@ -1,0 +1,172 @@
+"""The past in observations, and what teachers show: against episodes written down step by step, and carried out."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from tensegrity_agents.config import ConfigError, Experiment
+from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.sb3.augmented import AugmentedVecEnv
+from tensegrity_agents.sb3.history import History
+from tensegrity_agents.sb3.policy_file import load_policy
+from tensegrity_agents.sb3.teacher_student import Lessons, Teacher
+from tensegrity_agents.sb3.training import train
+from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
+from tensegrity_envs.seeding import VALIDATION_SEED
+from tensegrity_envs.vector_env import step_info
+
+REACH, TENSION, PAYLOAD = (f"tensegrity/TwoX{name}Reach-v0" for name in ("", "Tension", "Payload"))
+UNCERTAIN = {"stiffness": [0.9, 1.1], "tip_noise": 0.001, "actuation_delay": [0, 2]}
+
+
+def make_vec(env_id, count, **options):
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **options)
+
+
+def expected_past(seen, done, length):
+    """What an environment should be told, from the lists of its episode's observations and actions."""
+    now = seen[-1]
+    told = [now]
+    for back in range(1, length + 1):
+        told.append(now - (seen[-1 - back] if back < len(seen) else seen[0]))
+    for back in range(1, length + 1):
+        told.append(done[-back] if back <= len(done) else np.zeros(4, np.float32))
+    return np.concatenate([*told, seen[0]])
+
+
+def test_the_past_is_that_of_the_running_episode():
+    """Terminal observations have the past of the episode that ends, first ones have none."""
+    history = History(3, 12, 4)
+    envs = AugmentedVecEnv(VectorEnvAdapter(make_vec(TENSION, 6, max_episode_steps=7)), history)
+    twin = VectorEnvAdapter(make_vec(TENSION, 6, max_episode_steps=7))
+    envs.seed(1)
+    twin.seed(1)
+    told, plain = envs.reset(), twin.reset()
+    seen = [[one] for one in plain["observation"]]
+    done = [[] for _ in range(6)]
+    rng, memory, ends = np.random.default_rng(0), None, 0
+    begins = np.ones(6, bool)
+    for _ in range(40):
+        for i in range(6):
+            np.testing.assert_allclose(told["observation"][i], expected_past(seen[i], done[i], 3), atol=1e-6)
+        used, memory = history(plain, memory, begins)  # as a controller keeps it
+        np.testing.assert_array_equal(used["observation"], told["observation"])
+        actions = rng.uniform(-1.3, 1.3, (6, 4)).astype(np.float32)
+        memory = history.acted(memory, actions)
+        told, _, begins, infos = envs.step(actions)
+        plain, _, _, plain_infos = twin.step(actions)
+        for i in range(6):
+            done[i].append(np.clip(actions[i], -1, 1))
+            if begins[i]:
+                seen[i].append(plain_infos[i]["terminal_observation"]["observation"])
+                last = infos[i]["terminal_observation"]["observation"]
+                np.testing.assert_allclose(last, expected_past(seen[i], done[i], 3), atol=1e-6)
+                seen[i], done[i] = [], []
+                ends += 1
+            seen[i].append(plain["observation"][i])
+    assert ends > 20
+
+
+@pytest.mark.parametrize(
+    ("env_id", "teacher", "options", "kick"),
+    [
+        (REACH, "oracle", {}, 0.5),
+        (REACH, "oracle", {"randomization": {"actuation_delay": [0, 2], "tip_noise": 0.001}}, 0.1),
+        (TENSION, "careful_oracle", {"randomization": UNCERTAIN}, 0.02),
+        (PAYLOAD, "careful_oracle", {}, 0.02),
+        ("tensegrity/DualTriangleLoadedReach-v0", "oracle", {}, 0.1),
+        ("tensegrity/PlanarFourBarLoadedReach-v0", "oracle", {}, 0.1),
+    ],
+)
+def test_what_the_teacher_shows_leads_to_the_target(env_id, teacher, options, kick):
+    """Though every fifth action is another one: the path is rejoined, or planned anew."""
+    envs = make_vec(env_id, 60, **options)
+    envs.reset(seed=VALIDATION_SEED)
+    shown = Teacher(teacher, env_id, options, envs.unwrapped, 60, 25)
+    begins, running = np.ones(60, bool), np.ones(60, bool)
+    success, knew = np.zeros(60, bool), None
+    rng = np.random.default_rng(0)
+    for step in range(90):
+        actions = shown.actions(begins)
+        knew = shown.knows_a_way.copy() if knew is None else knew
+        disturbed = (rng.random(60) < 0.2) & (step < 40)
+        actions = np.where(disturbed[:, None], actions + kick * rng.uniform(-1, 1, actions.shape), actions)
+        shown.note(actions)
+        _, _, terminated, truncated, info = envs.step(actions)
+        success[running] = step_info(info)["is_success"][running].astype(bool)
+        begins = terminated | truncated
+        running &= ~begins
+    assert knew.mean() >= 0.98
+    assert success[knew].mean() >= 0.98
+
+
+def small(**changes):
+    teacher = {"timesteps": 2048, "n_steps": 8, "gradient_steps": 8, "batch_size": 128} | changes.pop("teacher", {})
+    settings = {
+        "total_timesteps": 2048,
+        "net_arch": [32],
+        "history": 2,
+        "teacher": teacher,
+        "ppo": {"num_envs": 64, "n_steps": 8},
+    }
+    return Experiment(env=TENSION, train=settings | changes)
+
+
+def test_a_taught_agent_is_stored_with_its_past(tmp_path):
+    agent = train(small(), 0, tmp_path)
+    loaded = load_policy(tmp_path, TENSION)
+    runs = [evaluate(one, TENSION, 20, VALIDATION_SEED, "agent") for one in (agent, loaded)]
+    for name in ("return", "final_error_m"):
+        np.testing.assert_array_equal(runs[0].columns[name], runs[1].columns[name])
+    assert agent.description["timesteps"] == 2048
+    assert "taught" in loaded.knows
+    single, _ = gym.make(TENSION).reset(seed=1)
+    action, state = loaded.predict(single)
+    assert action.shape == (4,)
+    assert loaded.predict(single, state, np.array([False]))[0].shape == (4,)
+
+
+def test_only_what_leads_to_the_target_is_learned(tmp_path, monkeypatch):
+    """Without a way to any target nothing is, and the policy stays as it was made; with one it changes."""
+
+    def weights(folder):
+        policy = train(small(), 0, folder).policy
+        return torch.cat([part.flatten() for part in policy.action_net.parameters()])
+
+    taught, planned = weights(tmp_path / "a"), Teacher._planned
+    kept = []
+
+    def nowhere(self, episodes, outcomes):
+        path, knows = planned(self, episodes, outcomes)
+        return path, np.zeros_like(knows)
+
+    store = Lessons._store
+    monkeypatch.setattr(Teacher, "_planned", nowhere)
+    monkeypatch.setattr(
+        Lessons, "_store", lambda self, seen, wanted, index: (kept.append(len(index)), store(self, seen, wanted, index))
+    )
+    untaught = weights(tmp_path / "b")
+    assert sum(kept) == 0
+    assert not torch.equal(taught, untaught)
+    monkeypatch.undo()
+    monkeypatch.setattr(Lessons, "_train", lambda self: None)
+    assert torch.equal(untaught, weights(tmp_path / "c"))
+
+
+@pytest.mark.parametrize(
+    ("train", "match"),
+    [
+        ({"algorithm": "sac", "teacher": {"timesteps": 100}}, "needs algorithm: ppo"),
+        ({"teacher": {"timesteps": 2000}}, "at most total_timesteps"),
+        ({"teacher": {"timesteps": 100, "controller": "nobody"}}, "there are closed_form_ik.*careful_oracle"),
+        ({"teacher": {"timesteps": 100, "controler": "oracle"}}, "did you mean 'controller'"),
+    ],
+)
+def test_teachers_that_do_not_fit_are_explained(train, match, tmp_path):
+    from tensegrity_agents.config import load_experiment
+
+    text = {"env": REACH, "train": {"total_timesteps": 1000} | train}
+    (tmp_path / "config.yaml").write_text(__import__("yaml").safe_dump(text))
+    with pytest.raises(ConfigError, match=match):
+        load_experiment(tmp_path / "config.yaml")
