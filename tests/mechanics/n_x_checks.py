@@ -10,7 +10,7 @@ from brute_force import arrays, newton
 from mechanism_cases import node_energy, random_n_x_design
 from scipy.optimize import linprog
 
-from tensegrity_envs.mechanics import NX
+from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, NXDesign
 
 ROUTINGS = ("per_joint", "from_base")
 
@@ -120,3 +120,81 @@ def missed_equilibria(seed, joints, starts):
     found = equilibria_by_starts(arm, tensions, load, rng, starts)
     missed = [q for q in found.T if not any(np.abs(q - other).max() < 1e-5 for other in known)]
     return found.shape[1], len(known), missed
+
+
+def redundancy_targets(seed, joints, count):
+    """An arm (every third one unequal), targets that it reaches, and starts."""
+    rng = np.random.default_rng([seed, joints, 3])
+    if seed % 3 == 2:
+        arm = NX(replace(random_n_x_design(seed, joints), joint_limit=2.6))
+    else:
+        arm = NX(replace(NXDesign.from_two_x(MURALIDHARAN2022, joints), joint_limit=(2.6, 1.2)[seed % 3]))
+    limit = arm.design.joint_limit
+    q = rng.uniform(-limit, limit, (joints, count))
+    x, y = arm.tip(tuple(q))
+    return arm, x, y, rng.uniform(-0.5, 0.5, (joints, count)), rng
+
+
+def best_by_slides(arm, x, y, start, objective, rng, starts, rounds=160):
+    """The best value of the objective that random tangential steps of shrinking length from random starts lead to.
+
+    Projection by pseudo-inverse, tangents by singular value decomposition: nothing of the package but tip and Jacobian
+    (and, for "margin", the margins).
+    """
+    n, m = len(start), len(x)
+    limit, size = arm.design.joint_limit, float(arm.reach)
+    owner = np.repeat(np.arange(m), starts)
+    target = np.stack([x[owner], y[owner]])
+
+    def jacobian(q):
+        return np.moveaxis(
+            np.array([[np.broadcast_to(e, q.shape[1:]) for e in row] for row in arm.jacobian(tuple(q))]), -1, 0
+        )
+
+    def project(q, rounds):
+        for _ in range(rounds):
+            error = np.array(arm.tip(tuple(q))) - target
+            step = (np.linalg.pinv(jacobian(q), rcond=1e-8) @ error.T[..., None])[..., 0].T
+            q = np.clip(q - step * (0.5 / np.maximum(0.5, np.abs(step).max(axis=0))), -limit, limit)
+        return q, np.hypot(*(np.array(arm.tip(tuple(q))) - target)) < 1e-10 * size
+
+    def value(q, fine):
+        if objective == "margin":
+            with np.errstate(all="ignore"):
+                _, stability, wrench = arm.posture(tuple(q))
+            return np.where(fine, -np.minimum(stability, wrench), np.inf)
+        move = np.abs(q - start[:, owner])
+        total = {"sum": move.sum(0), "max": move.max(0), "squares": (move**2).sum(0)}[objective]
+        return np.where(fine, total, np.inf)
+
+    q, fine = project(rng.uniform(-limit, limit, (n, len(owner))), 25)
+    best, step = value(q, fine), np.full(len(owner), 0.1)
+    for _ in range(rounds):
+        _, _, vt = np.linalg.svd(jacobian(q))
+        free = vt[:, 2:, :]
+        mix = rng.normal(size=(len(owner), 1, n - 2))
+        direction = (mix @ free)[:, 0].T
+        direction /= np.linalg.norm(direction, axis=0)
+        improved = np.zeros(len(owner), bool)
+        for sign in (1, -1):
+            new, fine = project(q + sign * step * direction, 3)
+            tried = value(new, fine)
+            better = tried < best
+            q, best = np.where(better, new, q), np.where(better, tried, best)
+            improved |= better
+        step = np.where(improved, np.minimum(1.3 * step, 0.2), (0.5 if n == 3 else 0.75) * step)
+    found = np.full(m, np.inf)
+    np.minimum.at(found, owner, best)
+    return found
+
+
+def worse_than_slides(seed, joints, count, objective, starts):
+    """By how much a value that slides find is better than the package's, the most of all targets."""
+    arm, x, y, start, rng = redundancy_targets(seed, joints, count)
+    ours = arm.redundancy(x, y, tuple(start), objective)
+    assert ours.is_reachable.all()
+    tips = np.array(arm.tip(ours.configuration))
+    assert np.abs(tips - np.stack([x, y])).max() < 1e-10 * arm.reach
+    assert np.abs(np.array(ours.configuration)).max() <= arm.design.joint_limit
+    sign = -1 if objective == "margin" else 1
+    return float((sign * ours.objective - best_by_slides(arm, x, y, start, objective, rng, starts)).max())

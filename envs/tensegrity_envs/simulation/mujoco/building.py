@@ -237,11 +237,15 @@ def _add_tendon(
     depth = (-1.2 if member.kind == "cable" else 1.2) * radius
     tendon = spec.add_tendon(name=member.name, material=member.kind)
     tendon.width = {"cable": 0.3, "actuator": 0.8}.get(member.kind, 0.45) * radius
-    for node in member.nodes:
-        name = f"{member.name} at {node}"
-        body = linkage.owner(node)
-        bodies[body].add_site(name=name, pos=_point(linkage.local(node, body), depth), size=[0.5 * radius] * 3, group=4)
-        tendon.wrap_site(name)
+    for number, span in enumerate(member.spans):
+        if number:
+            tendon.wrap_pulley(1.0)  # what lies between the spans is of constant length
+        for node in span:
+            name = f"{member.name} at {node}"
+            body = linkage.owner(node)
+            place = _point(linkage.local(node, body), depth)
+            bodies[body].add_site(name=name, pos=place, size=[0.5 * radius] * 3, group=4)
+            tendon.wrap_site(name)
     if member.kind == "spring" and not member.is_input:
         tendon.stiffness = [member.stiffness, 0.0, 0.0]
         tendon.springlength = [0.0 if member.goes_slack else member.free_length, member.free_length]

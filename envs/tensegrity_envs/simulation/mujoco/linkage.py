@@ -7,6 +7,7 @@ hinges outside the tree close loops. Positions are complex numbers x + i y [m] h
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from itertools import product as pairs_of
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
-from tensegrity_envs.compiler.pytree import Schema
+from tensegrity_envs.compiler.pytree import Schema, is_array, tree_leaves
 from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.mechanics.polynomials import product
 
@@ -82,7 +83,7 @@ class Linkage:
 
     def __init__(self, mechanism: Any) -> None:
         self.mechanism = mechanism
-        if any(np.ndim(value) for value in vars(mechanism.design).values()):
+        if any(np.ndim(value) for value in tree_leaves(mechanism.design, is_array)):
             raise ValueError(f"{type(mechanism).__name__}: takes one design, not a batch of them")
         self.size = int(mechanism.degrees_of_freedom)
         turns_freely = getattr(mechanism, "turns_freely", False)
@@ -207,10 +208,11 @@ class Linkage:
         return tree, loops
 
     def _invariants(self, nodes: dict[str, Any]) -> tuple[tuple[tuple[str, str], tuple[str, str], float], ...]:
-        """Pairs of cables whose lengths have a constant product: the lateral sides of an X-joint, l^2 - b^2 [m2]."""
-        cables = [member.nodes for member in self.mechanism.members if member.kind == "cable"]
+        """Pairs of cables' spans whose product is constant: the lateral sides of an X-joint, l^2 - b^2 [m2]."""
+        cables = (member for member in self.mechanism.members if member.kind == "cable")
+        spans = dict.fromkeys(span for member in cables for span in member.spans)  # each once, in order
         found = []
-        for first, second in zip(cables[::2], cables[1::2], strict=False):
+        for first, second in combinations(spans, 2):
             lengths = abs(nodes[first[1]] - nodes[first[0]]) * abs(nodes[second[1]] - nodes[second[0]])
             if self._constant(lengths, self.length**2):
                 found.append((first, second, float(lengths[0])))

@@ -1,0 +1,74 @@
+"""Inverse kinematics of one and two joints, and the redundancy of more, against random slides from many starts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanism_cases import random_n_x_design, random_two_x_design
+from n_x_checks import redundancy_targets, worse_than_slides
+
+from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, NXDesign, TwoX
+
+THREE = NX(replace(NXDesign.from_two_x(MURALIDHARAN2022, 3), joint_limit=2.6))
+OBJECTIVES = ("sum", "max", "squares", "margin")
+
+
+def test_two_equal_joints_have_the_solutions_of_the_two_x():
+    rng = np.random.default_rng(0)
+    for seed in range(40):
+        design = random_two_x_design(seed)
+        two, arm = TwoX(design), NX(NXDesign.from_two_x(design))
+        for _ in range(5):
+            x, y = two.tip(tuple(rng.uniform(-design.joint_limit, design.joint_limit, 2).tolist()))
+            expected, found = two.inverse_kinematics(x, y), arm.inverse_kinematics(x, y)
+            assert [s.state for s in found] == [s.state for s in expected]
+            for ours, theirs in zip(found, expected, strict=True):
+                assert ours.configuration == pytest.approx(theirs.configuration, abs=1e-9)
+                assert ours.singularity == pytest.approx(theirs.singularity, abs=1e-9 * arm.reach**2)
+
+
+@pytest.mark.parametrize("joints", (1, 2))
+def test_the_configuration_that_a_target_comes_from_is_found(joints):
+    rng = np.random.default_rng(1)
+    for seed in range(60):
+        design = random_n_x_design(seed, joints)
+        arm = NX(design)
+        q = rng.uniform(-design.joint_limit, design.joint_limit, joints)
+        found = arm.inverse_kinematics(*arm.tip(tuple(q.tolist())))
+        assert min(np.abs(np.subtract(s.configuration, q)).max() for s in found) < 1e-6, design
+        assert all(s.residual < 1e-9 * arm.reach for s in found)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("seed", range(3))
+def test_no_better_configuration_is_found_by_slides(objective, seed):
+    assert worse_than_slides(seed, 3, 4, objective, 40) < 2e-9
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_no_better_configuration_of_four_joints_is_found_by_slides(objective):
+    assert worse_than_slides(0, 4, 2, objective, 100) < 1e-6
+
+
+def test_a_batch_of_targets_is_what_single_ones_give():
+    arm, x, y, start, _ = redundancy_targets(0, 3, 6)
+    batch = arm.redundancy(x, y, tuple(start), "sum")
+    for i in range(6):
+        one = arm.redundancy(float(x[i]), float(y[i]), tuple(start[:, i].tolist()), "sum")
+        assert one.objective == pytest.approx(batch.objective[i], abs=1e-9)
+        optima = arm.local_optima(float(x[i]), float(y[i]), "sum", tuple(start[:, i].tolist()))
+        assert optima[0].objective == pytest.approx(one.objective, abs=1e-12)
+        assert [o.objective for o in optima] == sorted(o.objective for o in optima)
+
+
+def test_targets_out_of_reach_and_wrong_calls():
+    assert not THREE.redundancy(5.0, 0.0).is_reachable
+    assert THREE.local_optima(5.0, 0.0) == []
+    assert THREE.redundancy(0.0, 0.85).is_reachable
+    with pytest.raises(ValueError, match="must be one of sum, max, squares, margin"):
+        THREE.redundancy(0.1, 0.5, objective="least")
+    with pytest.raises(ValueError, match=r"3 joints reach a point in a continuum .* redundancy"):
+        THREE.inverse_kinematics(0.1, 0.5)
+    with pytest.raises(ValueError, match="for three joints or more, not for 2"):
+        NX(NXDesign.from_two_x(MURALIDHARAN2022)).redundancy(0.1, 0.5)
