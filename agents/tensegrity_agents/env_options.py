@@ -27,7 +27,8 @@ def parse_design(text: str, option: str = "--design") -> str | dict[str, Any]:
     """A design as the environments take it: its name, or a mapping of fields.
 
     Args:
-        text: "name", "name,field=value,...", "field=value,...", "file.yaml,field=value,...", or JSON: {"field": value}.
+        text: "name", "name,field=value,...", "field=value,...", "base=name,field=value,...",
+            "file.yaml,field=value,...", or JSON: {"field": value}.
         option: for messages.
 
     Raises:
@@ -46,13 +47,19 @@ def parse_design(text: str, option: str = "--design") -> str | dict[str, Any]:
             raise ConfigError(f"{option} {text!r}: must be {_DESIGN}")
         return first
     else:
-        fields["base"] = first
+        changes = [f"base={first}", *changes]
+    given: set[str] = set()
     for change in changes:
-        name, _, value = change.partition("=")
+        name, _, value = (part.strip() for part in change.partition("="))
+        if name in given:
+            raise ConfigError(f"{option} {text}: {name!r} is given twice")
+        given.add(name)
         try:
-            fields[name.strip()] = float(value)
+            if not name or not value:
+                raise ValueError
+            fields[name] = value if name == "base" else float(value)
         except ValueError:
-            raise ConfigError(f"{option} {text}: {change!r} must be field=number") from None
+            raise ConfigError(f"{option} {text}: {change!r} must be field=number; {option} takes {_DESIGN}") from None
     return fields
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tensegrity_agents import env_options
-from tensegrity_agents.config import Experiment, load_experiment
+from tensegrity_agents.config import ConfigError, Experiment, load_experiment
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.env_options import canonical, explain, parse_design, results_name
 from tensegrity_agents.evaluation.compare import compare, train_agents
@@ -33,6 +33,8 @@ def test_spellings_of_a_design(tmp_path):
     (tmp_path / "arm.yaml").write_text("base: muralidharan2022\nb: 6e-2\n")
     spellings = [
         "muralidharan2022,b=0.06",
+        "base=muralidharan2022,b=0.06",
+        "b=0.06, base = muralidharan2022",
         '{"base": "muralidharan2022", "b": 0.06}',
         "{base: muralidharan2022, b: 0.06}",
         str(tmp_path / "arm.yaml"),
@@ -44,6 +46,12 @@ def test_spellings_of_a_design(tmp_path):
     assert canonical(REACH, options[0])["design"]["b"] == 0.06
     assert canonical(REACH, options[0])["design"]["l"] == MURALIDHARAN2022.l
     assert parse_design("b=0.06,l=0.2") == {"b": 0.06, "l": 0.2}
+
+
+@pytest.mark.parametrize("text", ["base=", "=5", "b=", ",,,", "a,b", "b=1,b=2", "muralidharan2022,base=furet2018"])
+def test_a_design_that_cannot_be_read_says_what_works(text):
+    with pytest.raises(ConfigError, match=f"{text}: .*(--design takes a published design|is given twice)"):
+        parse_design(text)
 
 
 def test_options_that_change_nothing_leave_the_results_folder_as_it_is():
