@@ -15,7 +15,6 @@ LAYERS = [
     "seeding",
     "randomization",
     "rendering",
-    "rendering_spatial",
     "simulation",
     "tasks",
     "observation",

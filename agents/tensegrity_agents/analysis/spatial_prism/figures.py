@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from tensegrity_agents.reporting.style import FAINT, INK, new_figure, styled, without_jumps
 from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES, SpatialPrism
-from tensegrity_envs.rendering_spatial import depth, flatten
+from tensegrity_envs.rendering.spatial import depth, flatten
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73")
 _BLUES = LinearSegmentedColormap.from_list("pale blues", ["#eef4fa", "#7fa8d1"])

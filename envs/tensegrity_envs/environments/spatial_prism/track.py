@@ -21,7 +21,7 @@ from tensegrity_envs.observation import (
 )
 from tensegrity_envs.options import Options
 from tensegrity_envs.rendering import Scene
-from tensegrity_envs.rendering_spatial import project
+from tensegrity_envs.rendering.spatial import project
 from tensegrity_envs.simulation.dynamic import DynamicControl
 from tensegrity_envs.simulation.lengths import LengthControl
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics

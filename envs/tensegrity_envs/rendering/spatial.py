@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from tensegrity_envs.rendering import Scene
+from tensegrity_envs.rendering.scene import Scene
 
 _AZIMUTH, _ELEVATION = math.radians(-62.0), math.radians(24.0)  # from where one looks
 _BASE, _SHADOW, _PLATFORM = (226, 231, 238), (205, 212, 222), (120, 160, 205)
