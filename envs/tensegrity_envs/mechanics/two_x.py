@@ -24,6 +24,7 @@ from tensegrity_envs.mechanics.checks import check_finite
 from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers, take
 from tensegrity_envs.mechanics.polynomials import product, real_roots
 from tensegrity_envs.mechanics.roots import circle_roots
+from tensegrity_envs.mechanics.stiffness import TipStiffness
 
 _NO_LOAD = (0.0, 0.0)
 _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
@@ -161,7 +162,7 @@ class _Joint(NamedTuple):
     ddr: Component
 
 
-class TwoX:
+class TwoX(TipStiffness):
     """The 2-X manipulator of one design, or of a batch of designs.
 
     A configuration is q = (alpha_1, alpha_2) [rad], tensions are (left 1, right 1, left 2, right 2) [N], `load` is a
@@ -496,6 +497,23 @@ class TwoX:
         poses, where a cable has no moment arm, it grows without bound.
         """
         return self.posture(q, load)[0]
+
+    def softest_tensions(self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD) -> Components:
+        """The tensions (left 1, right 1, left 2, right 2) [N] of least stiffness that hold q in equilibrium.
+
+        For each joint the smaller tension is min_tension; the other one follows from equilibrium. Of a q that is not
+        wrench-feasible they mean nothing.
+        """
+        left1, right1, left2, right2 = self.stiffest_tensions(q, load)
+        sides = self.cable_lengths(q)
+        xp = self._xp(left1, *sides)
+        low = self.design.min_tension
+        tensions: list[Component] = []
+        for f_left, f_right, left, right in ((left1, right1, *sides[:2]), (left2, right2, *sides[2:])):
+            # F_left left - F_right right is the moment of the joint: it stays.
+            less = xp.minimum((f_left - low) / right, (f_right - low) / left)
+            tensions += [f_left - less * right, f_right - less * left]
+        return tuple(tensions)
 
     def posture(
         self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD

@@ -20,11 +20,13 @@ from tensegrity_envs.mechanics.n_x import inverse, programmes, redundancy, stati
 from tensegrity_envs.mechanics.n_x.chain import NO_LOAD, Chain, symmetric
 from tensegrity_envs.mechanics.n_x.joint import Joint
 from tensegrity_envs.mechanics.n_x.routing import FROM_BASE, PER_JOINT
+from tensegrity_envs.mechanics.n_x.vertices import extreme_stiffness
+from tensegrity_envs.mechanics.stiffness import TipStiffness
 
 _CELLS = (32, 32, 16, 6)  # along each joint, with which the search for all equilibria begins
 
 
-class NX(Chain):
+class NX(Chain, TipStiffness):
     """The n-X manipulator of one design, or of a batch of designs.
 
     A configuration is q = (alpha_1, ..., alpha_n) [rad], tensions are one for each cable [N], in the order of
@@ -135,6 +137,16 @@ class NX(Chain):
         for alpha in q[1:]:
             inside = inside & (abs(alpha) <= limit)
         return inside
+
+    def _softest_and_stiffest(
+        self, q: Sequence[Component], load: Sequence[Component], direction: Sequence[Component] | None
+    ) -> tuple[Components, Components]:
+        """See `TipStiffness`; with cables by a matrix no tensions need be softest in every direction."""
+        if isinstance(self.design.routing, str):
+            return super()._softest_and_stiffest(q, load, direction)
+        if any(np.ndim(value) for value in (*q, *load, *(direction or ()))):
+            raise ValueError("stiffness: of a routing that is given as a matrix for one posture at a time, of floats")
+        return extreme_stiffness(self, tuple(map(float, q)), load, direction)
 
     # --------------------------------------------------------------------------------------------- equilibrium
 
