@@ -10,8 +10,9 @@ from rich.table import Table
 
 from tensegrity_agents import benchmark
 from tensegrity_agents.benchmark_against import against as compare
+from tensegrity_agents.command_options import find_experiment
 from tensegrity_agents.config import ConfigError
-from tensegrity_agents.console import clear_errors, console, find_experiment, say
+from tensegrity_agents.console import clear_errors, console, say
 
 _COUNTS = {"vector": (1024, 64), "single": (0,)}  # environments in a batch; 0 for a single one
 

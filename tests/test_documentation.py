@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import typer
 
-from tensegrity_agents.console import find_experiment
+from tensegrity_agents.command_options import find_experiment
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]

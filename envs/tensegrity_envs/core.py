@@ -111,6 +111,7 @@ class Core(ABC):
         randomizable: names of what may differ.
         info_meanings: unit and meaning of the entries of `info` that only this environment has.
         can_fail: whether episodes may be terminated; a subclass whose episodes end by the time limit alone says False.
+        shows_joint_space: whether reports draw paths in the joint space, whose two angles decide all margins.
         dynamics: parameters of the dynamic simulation; None in a quasi-static one.
         engine: of the dynamic simulation; None in a quasi-static one.
     """
@@ -135,6 +136,7 @@ class Core(ABC):
     randomizable: frozenset[str] = frozenset()
     info_meanings: ClassVar[dict[str, tuple[str, str]]] = {}
     can_fail: bool = True
+    shows_joint_space: bool = False
     dynamics: Dynamics | None = None
     engine: "Engine | None" = None
     observation_space: spaces.Dict
@@ -189,6 +191,14 @@ class Core(ABC):
                 why.
         """
         raise ValueError("'target' and 'configuration' cannot be chosen in this environment: its goal moves on a curve")
+
+    def tip_region(self) -> Any:
+        """Where the tip of the nominal mechanism can be without a load, for reports.
+
+        Returns:
+            A shapely geometry [m]; None where the mechanism does not move in a plane.
+        """
+        return None
 
     @abstractmethod
     def observed(self) -> Sequence[Field]:

@@ -9,7 +9,8 @@ pytest.importorskip("mujoco")
 from tensegrity_agents.controllers import BASELINES, DYNAMIC, baselines_of, make_controller
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.evaluation.rollout import evaluate
-from tensegrity_agents.evaluation.transfer import Candidate, candidates, pair_of, transfer
+from tensegrity_agents.evaluation.transfer import Candidate, pair_of, transfer
+from tensegrity_agents.experiment import candidates
 from tensegrity_agents.reporting.transfer_table import transfer_to_markdown
 from tensegrity_envs.seeding import VALIDATION_SEED
 

@@ -10,9 +10,9 @@ from tensegrity_agents import env_options
 from tensegrity_agents.config import ConfigError, Experiment, load_experiment
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.env_options import canonical, explain, parse_design, results_name
-from tensegrity_agents.evaluation.compare import compare, train_agents
 from tensegrity_agents.evaluation.rollout import evaluate
-from tensegrity_agents.evaluation.transfer import candidates, pair_of, transfer
+from tensegrity_agents.evaluation.transfer import pair_of, transfer
+from tensegrity_agents.experiment import candidates, evaluate_all, train_agents
 from tensegrity_agents.sb3.policy_file import load_policy
 from tensegrity_agents.sb3.training import TrainingError
 from tensegrity_envs.mechanics import MURALIDHARAN2022
@@ -119,13 +119,13 @@ def test_comparisons_train_and_evaluate_with_the_options(tmp_path, monkeypatch):
 
     monkeypatch.setattr(ManipulatorVectorEnv, "__init__", recorded)
     own = Experiment(env=REACH, train=TRAIN, episodes=20, controllers=["oracle", "random"], **OWN)
-    found = compare(own, tmp_path / own.results_name, silent)
+    found = evaluate_all(own, tmp_path / own.results_name, silent)
     assert len(made) >= 4
     for core in made:
         assert core.design.b == 0.06
         assert core.task.tolerance == 0.02
         assert core.randomization.names == ["stiffness"]
-    assert found.agents[0].description["options"] == canonical(REACH, own.options)
+    assert found.descriptions[0]["options"] == canonical(REACH, own.options)
     oracle = evaluate(make_controller("oracle", REACH, OWN), REACH, 20, TEST_SEED, "oracle", env_options=OWN)
     np.testing.assert_array_equal(oracle.columns["final_error_m"], found.runs[1].columns["final_error_m"])
     usual = Experiment(env=REACH, train=TRAIN)
@@ -133,7 +133,7 @@ def test_comparisons_train_and_evaluate_with_the_options(tmp_path, monkeypatch):
         train_agents(usual, tmp_path / own.results_name, silent)
     assert usual.results_name == "TwoXReach-v0"
     again = train_agents(own, tmp_path / own.results_name, silent)
-    assert found.agents[0].description.items() <= again[0].description.items()  # loaded, not trained again
+    assert found.descriptions[0].items() <= again[0].description.items()  # loaded, not trained again
 
 
 def test_policies_know_their_arm(tmp_path):

@@ -1,10 +1,15 @@
 """What an evaluation records: one row for every episode, and the files that it is kept in."""
 
 import csv
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+
+# progress(what is being done, done, of how many, remark)
+Progress = Callable[[str, int, int, str], None]
 
 # Columns of the per-episode CSV, with their units.
 COLUMNS = (
@@ -49,6 +54,30 @@ class Run:
     notes: str = ""
     error_unit: str = "mm"
     info: dict[str, object] = field(default_factory=dict)
+
+
+def kind_of(name: str) -> str:
+    """The kind of a baseline: "oracle", "random" or "baseline"."""
+    return name if name in ("oracle", "random") else "baseline"
+
+
+@dataclass
+class Comparison:
+    """Agents and controllers on the same test episodes.
+
+    Attributes:
+        runs: one for every agent and controller.
+        controllers: everything that was evaluated, by name, the agent first, for pictures and the film.
+        descriptions: what is known of the trained policies, by training seed.
+        curves: learning curves by training seed: of the training episodes.
+        evaluations: the same of the agent without noise on validation episodes.
+    """
+
+    runs: list[Run]
+    controllers: dict[str, Any]
+    descriptions: dict[int, dict[str, Any]]
+    curves: dict[int, dict[str, np.ndarray]]
+    evaluations: dict[int, dict[str, np.ndarray]]
 
 
 def write_csv(runs: list[Run], path: Path) -> None:

@@ -5,33 +5,15 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
+from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.results import Run
 from tensegrity_envs import termination_reason
 from tensegrity_envs.vector_env import step_info
-
-
-class Controller(Protocol):
-    """Whatever has Stable-Baselines3's `predict`; `begin_episodes` is optional.
-
-    Observations are the environment's Dict, batched: arrays of shape (n, ...). Actions: shape (n, action size),
-    in [-1, 1].
-
-    `begin_episodes(mask, design, privileged)`, where it is defined, is called before the first `predict` of new
-    episodes with the mask of the environments that begin one, the nominal design, and None; a controller whose class
-    says `wants_privileged = True` (an oracle) gets the running `Episode`s, with their true designs and loads, instead
-    of None.
-    """
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
-    ) -> tuple[np.ndarray, Any]:
-        """Actions for a batch of observations, and the controller's next state."""
-        ...
 
 
 class ControllerError(ValueError):
@@ -50,8 +32,22 @@ def _blaming(name: str, method: str, what: str = "raised an error") -> Iterator[
         raise ControllerError(f"controller {name!r}: {method} {what}: {told}") from error
 
 
+def begin_episodes(controller: Controller, envs: Any, count: int) -> None:
+    """Tell a controller that all episodes of a vector environment begin, and what it asks for about them.
+
+    Args:
+        controller: `begin_episodes` of those that have it is called.
+        envs: unwrapped vector environment.
+        count: number of its environments.
+    """
+    begin = getattr(controller, "begin_episodes", None)
+    if begin is not None:
+        truth = envs.episode if getattr(controller, "wants_privileged", False) else None
+        begin(np.ones(count, bool), envs.design, truth)
+
+
 def evaluate(
-    controller: Any,
+    controller: Controller,
     env_id: str,
     episodes: int,
     first_seed: int,
@@ -64,7 +60,7 @@ def evaluate(
     """Evaluate a controller on the first episodes of the seeds first_seed, first_seed + 1, ...
 
     Args:
-        controller: see `Controller`.
+        controller: see `controllers.base.Controller`.
         env_id: Gymnasium id.
         episodes: how many; each has a seed of its own, so every controller meets the same ones.
         first_seed: for published numbers `tensegrity_envs.seeding.TEST_SEED`.
@@ -89,12 +85,8 @@ def evaluate(
         record = _Record(count, limit, core.error_name)
         observation, info = envs.reset(seed=first_seed + first)
         record.add(info, np.zeros(count), np.ones(count, bool), initial=True)
-        begin = getattr(controller, "begin_episodes", None)
-        if begin is not None:
-            base: Any = envs.unwrapped
-            privileged = base.episode if getattr(controller, "wants_privileged", False) else None
-            with _blaming(name, "begin_episodes"):
-                begin(np.ones(count, bool), base.design, privileged)
+        with _blaming(name, "begin_episodes"):
+            begin_episodes(controller, envs.unwrapped, count)
         state: Any = None
         start = np.ones(count, bool)
         alive = np.ones(count, bool)

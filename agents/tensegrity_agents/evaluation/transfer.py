@@ -5,22 +5,14 @@ are observed as well. A controller that knows no velocities is not shown them th
 quasi-static environment.
 """
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-from tensegrity_agents.controllers import baselines_of
-from tensegrity_agents.env_options import canonical, results_name
-from tensegrity_agents.evaluation.compare import KINDS
-from tensegrity_agents.evaluation.results import Run
+from tensegrity_agents.evaluation.results import Progress, Run, kind_of
 from tensegrity_agents.evaluation.rollout import evaluate
-from tensegrity_agents.sb3.policy_file import load_policy
 from tensegrity_envs.seeding import TEST_SEED
-
-# progress(what is being done, done, of how many, remark)
-Progress = Callable[[str, int, int, str], None]
 
 
 class Candidate(NamedTuple):
@@ -58,29 +50,6 @@ def pair_of(env_id: str) -> tuple[str, str]:
     return pair
 
 
-def candidates(pair: tuple[str, str], results: Path, options: Mapping[str, Any] | None = None) -> list[Candidate]:
-    """The agents that were trained on either, and the baselines of both.
-
-    Args:
-        pair: from `pair_of`.
-        results: folder that has results/<environment>/agent-<seed>, as train.py and compare.py name them.
-        options: of both environments.
-    """
-    options = options or {}
-    found = []
-    for home in pair:
-        own = canonical(home, options)
-        folders = sorted((results / results_name(home, options)).glob("agent-*/policy.json"))
-        agents = [load_policy(path.parent, home, own) for path in folders]
-        if other := [p for p, a in zip(folders, agents, strict=True) if a.description.get("options", {}) != own]:
-            raise ValueError(f"{other[0].parent}: trained with other options than {own or 'the default ones'}")
-        if agents:
-            found.append(Candidate("agent", home, agents))
-        core: Any = gym.make(home, **options).unwrapped.core  # type: ignore[attr-defined]
-        found += [Candidate(name, home, [make(core)]) for name, make in baselines_of(home).items() if name != "random"]
-    return found
-
-
 def transfer(
     pair: tuple[str, str],
     found: list[Candidate],
@@ -102,7 +71,7 @@ def transfer(
                     if progress is not None:
                         progress(what, done, total, "")
 
-                kind = "agent" if candidate.name == "agent" else KINDS.get(candidate.name, "baseline")
+                kind = "agent" if candidate.name == "agent" else kind_of(candidate.name)
                 run = evaluate(controller, where, episodes, TEST_SEED, candidate.name, kind, seen, report)
                 run.training_seed = seed if kind == "agent" else None
                 runs[where].append(run)

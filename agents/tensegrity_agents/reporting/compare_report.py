@@ -9,14 +9,11 @@ import numpy as np
 
 import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.config import Experiment
-from tensegrity_agents.evaluation.compare import Comparison, Progress
-from tensegrity_agents.reporting import dual_triangle_fields as fields
+from tensegrity_agents.evaluation.results import Comparison, Progress
+from tensegrity_agents.evaluation.rollout import begin_episodes
 from tensegrity_agents.reporting import figures, path_figures, style, table, video
 from tensegrity_agents.reporting.report import collect_metadata, write_report
-from tensegrity_envs.mechanics import PlanarFourBarDesign, TwoXDesign
-from tensegrity_envs.mechanics.planar_four_bar.workspace import output_workspace
 from tensegrity_envs.seeding import TEST_SEED
-from tensegrity_envs.tasks import Hold, Track
 from tensegrity_envs.vector_env import step_info
 
 _PATHS = 12  # episodes whose joint paths are drawn
@@ -52,7 +49,8 @@ def write_comparison(
     look = style.looks({run.controller: run.kind for run in runs})
     shown = {name: c for name, c in comparison.controllers.items() if name != "random"}
     agent = next(iter(comparison.controllers))
-    steps = 7 if isinstance(core.task, Hold | Track) else 8
+    cycle = core.task.goal_cycle
+    steps = 7 if core.task.has_score or cycle else 8
     done = 0
 
     def drawn(what: str) -> None:
@@ -67,30 +65,26 @@ def write_comparison(
         drawn(name)
 
     keep("success", figures.success_bars(rows))
-    if isinstance(core.task, Hold):
+    if core.task.has_score:
         keep("scores", figures.scores(runs))
     else:
         keep("error", figures.error_distribution(runs, core.task.tolerance))
         keep("steps", figures.success_over_steps(runs))
-    tracks = isinstance(core.task, Track)
-    if tracks:
+    if cycle:
         errors = {name: _tracking_errors(controller, experiment) for name, controller in shown.items()}
-        keep("tracking", figures.tracking_errors(errors, core.task.tolerance, core.task.cycle, look))
-    paths = {} if tracks else {name: _paths(controller, experiment, _PATHS) for name, controller in shown.items()}
-    if tracks:
-        pass  # paths in space: the film shows them
-    elif isinstance(core.design, TwoXDesign):
-        shade = path_figures.swfw(core.design)
-        keep(
-            "joint_space", path_figures.joint_space(core.design, {name: path[0] for name, path in paths.items()}, look)
-        )
-    else:
-        shade = path_figures.inside(_reachable(core))
-        tips = {name: list(ends.paths or ()) for name, (_, ends) in paths.items()}
-        keep("tip_paths", path_figures.tip_paths(shade, tips, next(iter(paths.values()))[1].target, look))
-    if not tracks:
+        keep("tracking", figures.tracking_errors(errors, core.task.tolerance, cycle, look))
+    region = core.tip_region()
+    if region is not None:  # paths in space are left to the film
+        paths = {name: _paths(controller, experiment, _PATHS) for name, controller in shown.items()}
+        if core.shows_joint_space:
+            joints = {name: path[0] for name, path in paths.items()}
+            keep("joint_space", path_figures.joint_space(core.design, joints, look))
+        else:
+            tips = {name: list(ends.paths or ()) for name, (_, ends) in paths.items()}
+            targets = next(iter(paths.values()))[1].target
+            keep("tip_paths", path_figures.tip_paths(path_figures.inside(region), tips, targets, look))
         endings = _paths(comparison.controllers[agent], experiment, _WORKSPACE_EPISODES)[1]
-        keep("workspace", path_figures.workspace(shade, endings, agent))
+        keep("workspace", path_figures.workspace(path_figures.inside(region), endings, agent))
     first = next(iter(comparison.curves))
     keep("learning_curve", figures.learning_curve(comparison.curves[first], comparison.evaluations.get(first)))
     film = video.record(
@@ -98,11 +92,11 @@ def write_comparison(
         comparison.controllers,
         TEST_SEED + experiment.video_episode,
         folder / "side_by_side.gif",
-        max_steps=core.task.cycle if tracks else gym.spec(experiment.env).max_episode_steps or 100,
+        max_steps=cycle or gym.spec(experiment.env).max_episode_steps or 100,
         env_options=experiment.options,
     )
     drawn("video")
-    descriptions = [policy.description for policy in comparison.agents.values()]
+    descriptions = list(comparison.descriptions.values())
     command = "python " + " ".join(sys.argv)
     report = write_report(
         folder,
@@ -141,9 +135,7 @@ def _tracking_errors(controller: Any, experiment: Experiment, count: int = 300) 
     """Distance from the moving goal [m] after every step of the first test episodes, (steps, n); NaN once failed."""
     envs = _vector(experiment, count)
     observation, _ = envs.reset(seed=TEST_SEED)
-    base: Any = envs.unwrapped
-    if (begin := getattr(controller, "begin_episodes", None)) is not None:
-        begin(np.ones(count, bool), base.design, base.episode if getattr(controller, "wants_privileged", 0) else None)
+    begin_episodes(controller, envs.unwrapped, count)
     errors: list[np.ndarray] = []
     state, begun, alive = None, np.ones(count, bool), np.ones(count, bool)
     while alive.any():
@@ -156,38 +148,11 @@ def _tracking_errors(controller: Any, experiment: Experiment, count: int = 300) 
     return np.stack(errors)
 
 
-def _reachable(core: Any) -> Any:
-    """Where the tip can be without a load, as a shapely geometry [m]: of the planar 4-bar in stable rectangles, of the
-    dual-triangle arm within the limits of joints and inputs.
-    """
-    if isinstance(core.design, PlanarFourBarDesign):
-        return output_workspace(core.nominal).reachable
-    low, high = (float(bound) for bound in core.simulation.bounds(core.nominal))
-    limit = float(core.design.joint_limit)
-    control = getattr(core.simulation, "control", core.simulation)  # of a dynamic one, the inputs that it moves
-
-    def room(q: tuple[np.ndarray, ...]) -> np.ndarray:
-        still = (np.zeros_like(q[0]), np.zeros_like(q[0]))
-        inputs = np.array(control.usual_inputs(core.nominal, tuple(np.clip(a, -limit, limit) for a in q), still))
-        margin = np.minimum(inputs - low, high - inputs).min(axis=0) / (high - low)
-        return np.asarray(np.nan_to_num(np.minimum(margin, (limit - np.abs(np.array(q))).min(axis=0)), nan=-1.0))
-
-    field = fields.maximum(core.nominal, room, 301, mirrored=False)
-    return fields.region_of(field, float(core.design.b1))
-
-
 def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np.ndarray], path_figures.Endings]:
     """Joint paths and tip positions of the first test episodes."""
     envs = _vector(experiment, count)
     observation, info = envs.reset(seed=TEST_SEED)
-    begin = getattr(controller, "begin_episodes", None)
-    base: Any = envs.unwrapped
-    if begin is not None:
-        begin(
-            np.ones(count, bool),
-            base.design,
-            base.episode if getattr(controller, "wants_privileged", False) else None,
-        )
+    begin_episodes(controller, envs.unwrapped, count)
     start, target = observation["achieved_goal"].copy(), observation["desired_goal"].copy()
     joints, tips = [info["configuration"]], [start]
     length = np.zeros(count, int)

@@ -11,7 +11,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_envs.rendering import draw
-from tensegrity_envs.tasks import Hold
 
 _PANEL = 300  # width and height of one controller's picture [pixels]
 _HEADER = 26  # height of the names above [pixels]
@@ -41,7 +40,7 @@ def record(
 
     Args:
         env_id: Gymnasium id.
-        controllers: by name, see `tensegrity_agents.evaluation.rollout.Controller`.
+        controllers: by name, see `tensegrity_agents.controllers.base.Controller`.
         seed: of the episode.
         path: of the GIF.
         env_options: further arguments of the environment.
@@ -87,14 +86,14 @@ class _Player:
         self._begins = True
         self.ended, self._failed = False, False
         # Holding goes on after success, until it ends.
-        self._goes_on = isinstance(self._env.unwrapped.core.task, Hold)  # type: ignore[attr-defined]
+        env: Any = self._env.unwrapped
+        self._goes_on = env.core.task.has_score
         self._success, self._miss = ("held", "not held") if self._goes_on else ("on target", "not reached")
         self.film: list[Image.Image] = []  # the panel at every step
         self.settled_since = 0
         self.on_target = bool(info["is_success"])
         begin = getattr(controller, "begin_episodes", None)
         if begin is not None:
-            env: Any = self._env.unwrapped
             wanted = getattr(controller, "wants_privileged", False)
             begin(np.ones(1, bool), env.design, env.episodes if wanted else None)
         self._render()

@@ -26,6 +26,7 @@ class Task(ABC):
     """
 
     goals_decide: ClassVar[bool] = True  # whether the sparse reward depends on the distance alone, without failure
+    has_score: ClassVar[bool] = False  # whether episodes go on after success, for a score in `info`
 
     info_meanings: ClassVar[dict[str, tuple[str, str]]] = {}
 
@@ -49,6 +50,11 @@ class Task(ABC):
     def is_success(self, error: Component, state: State, episode: Episode) -> Component:
         """Whether the task is done, as things are: within tolerance, in a state without failure."""
         return (error <= self.tolerance) & (state.failure == RUNNING)
+
+    @property
+    def goal_cycle(self) -> int | None:
+        """Steps in which a moving goal comes round; None for goals at rest."""
+        return None
 
     def check_termination(self, xp: Any, error: Component, state: State) -> State:
         """The state with the failure that the task itself sees in it; being away from the goal is none."""

@@ -23,6 +23,7 @@ class Hold(Task):
     """
 
     goals_decide = False
+    has_score = True
     info_meanings: ClassVar[dict[str, tuple[str, str]]] = {
         "score": ("-", "largest force held so far, divided by the reference"),
     }

@@ -30,6 +30,11 @@ class Track(Task):
     cycles: int = 2
     weights: TrackWeights = field(default_factory=TrackWeights)
 
+    @property
+    def goal_cycle(self) -> int:
+        """See `Task.goal_cycle`."""
+        return self.cycle
+
     def check_termination(self, xp: Any, error: Component, state: State) -> State:
         """The state with the largest error of the last cycle so far; 0 before it."""
         before = state.record[0] if state.record else 0.0

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from tensegrity_agents.reporting.dual_triangle_fields import STEEP, Field, beyond, maximum, region_of, room, stiffness
 from tensegrity_agents.reporting.style import FAINT, INK, new_figure, note, styled, without_jumps
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
+from tensegrity_envs.mechanics.dual_triangle.fields import STEEP, Field, beyond, maximum, region_of, room, stiffness
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 _BLUES = LinearSegmentedColormap.from_list("pale blues", ["#eef4fa", "#7fa8d1"])

@@ -47,6 +47,23 @@ class DualTriangleCore(Core):
         """How many times as far as the published arm this one reaches."""
         return self.reach / float(DualTriangle(self.published, SEGMENTS).reach)
 
+    def tip_region(self) -> Any:
+        """Within the limits of joints and inputs; see `Core.tip_region`."""
+        from tensegrity_envs.mechanics.dual_triangle.fields import maximum, region_of  # loads Shapely
+
+        simulation: Any = self.simulation
+        low, high = (float(bound) for bound in simulation.bounds(self.nominal))
+        limit = float(self.design.joint_limit)
+        control = getattr(simulation, "control", simulation)  # of a dynamic one, the inputs that it moves
+
+        def room(q: tuple[np.ndarray, ...]) -> np.ndarray:
+            still = (np.zeros_like(q[0]), np.zeros_like(q[0]))
+            inputs = np.array(control.usual_inputs(self.nominal, tuple(np.clip(a, -limit, limit) for a in q), still))
+            margin = np.minimum(inputs - low, high - inputs).min(axis=0) / (high - low)
+            return np.asarray(np.nan_to_num(np.minimum(margin, (limit - np.abs(np.array(q))).min(axis=0)), nan=-1.0))
+
+        return region_of(maximum(self.nominal, room, 301, mirrored=False), float(self.design.b1))
+
     def mechanism(self, design: DualTriangleDesign) -> DualTriangle:
         """See `Core.mechanism`."""
         return DualTriangle(design, SEGMENTS)

@@ -100,6 +100,12 @@ class PlanarFourBarReach(Core):
         self.sampler = Sampler(self.nominal, control, load_range)
         self.set_spaces()
 
+    def tip_region(self) -> Any:
+        """In stable rectangles; see `Core.tip_region`."""
+        from tensegrity_envs.mechanics.planar_four_bar.workspace import output_workspace  # loads Shapely
+
+        return output_workspace(self.nominal).reachable
+
     def mechanism(self, design: PlanarFourBarDesign) -> PlanarFourBar:
         """See `Core.mechanism`."""
         return PlanarFourBar(design)

@@ -10,6 +10,7 @@ import numpy as np
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
 from tensegrity_envs.core import Core, Sampled
 from tensegrity_envs.environments.two_x.detours import detours_of
+from tensegrity_envs.environments.two_x.regions import TwoXRegions
 from tensegrity_envs.mechanics.two_x import FURET2018, TwoX, TwoXDesign
 from tensegrity_envs.observation import Field, SineAndCosine, Softsign, tip_field
 from tensegrity_envs.options import QUASI_STATIC, Options
@@ -85,7 +86,7 @@ def _wrapped(xp: Any, alpha: Component) -> Component:
     return xp.where(alpha <= -_FULL_TURN / 2, alpha + _FULL_TURN, alpha)
 
 
-class TwoXPostureChange(Core):
+class TwoXPostureChange(TwoXRegions, Core):
     """From one inverse solution to another one of the same tip position, in the same aspect, around the cusps.
 
     The goal is a configuration (theta_1, theta_2), theta = alpha / 2 on the torus (-pi, pi]. An episode ends where

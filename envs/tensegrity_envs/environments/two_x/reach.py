@@ -7,6 +7,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, to_single
 from tensegrity_envs.core import Core, Sampled
+from tensegrity_envs.environments.two_x.regions import TwoXRegions
 from tensegrity_envs.environments.two_x.sampling import Sampler, feasible_solutions
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
 from tensegrity_envs.observation import Field, arm_fields, inputs_field
@@ -25,7 +26,7 @@ def environment_design(design: TwoXDesign = MURALIDHARAN2022) -> TwoXDesign:
     return replace(design, joint_limit=min(design.joint_limit, JOINT_LIMIT))
 
 
-class TwoXReach(Core):
+class TwoXReach(TwoXRegions, Core):
     """The 2-X reaching environments.
 
     Args:

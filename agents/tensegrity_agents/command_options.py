@@ -1,0 +1,232 @@
+"""Groups of options that several commands share, and what becomes of them.
+
+A command takes a group as one argument; `with_option_groups` puts the group's fields in its place for Typer.
+"""
+
+import inspect
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from tensegrity_agents import env_options
+from tensegrity_agents.config import ConfigError, Experiment, known_env, load_experiment
+from tensegrity_agents.console import checked_folder, say
+from tensegrity_agents.yaml_file import read_yaml
+
+# The options that several scripts have. Typer's help takes square brackets for markup, so defaults that are computed
+# are told by `show_default`.
+Config = Annotated[Path | None, typer.Option(help="YAML file, such as configs/two_x_reach.yaml")]
+EnvOfConfig = Annotated[
+    str | None,
+    typer.Option(
+        help="take the config in configs/ for this id, such as TwoXTensionReach-v0", show_default="TwoXReach-v0"
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="results folder; with options that change the environment, a hash of these follows its name",
+        show_default="results/<environment>",
+    ),
+]
+Seeds = Annotated[
+    str | None, typer.Option(help="training seeds, such as 0,1,2,3,4", show_default="those of the config")
+]
+Fresh = Annotated[bool, typer.Option("--fresh", help="train anew even where an agent or a checkpoint is there")]
+Design = Annotated[
+    str | None,
+    typer.Option(
+        help="an arm of your own: a published design such as muralidharan2022, fields such as b=0.06 or "
+        "'{\"b\": 0.06}' (the others are those of the environment's design), both as muralidharan2022,b=0.06, or a "
+        "YAML file with fields; 'base' names another design that the rest comes from",
+        show_default="the environment's",
+    ),
+]
+Randomization = Annotated[
+    str | None,
+    typer.Option(
+        help="what differs from episode to episode, as JSON such as '{\"stiffness\": [0.9, 1.1]}' or a YAML file",
+        show_default="the environment's",
+    ),
+]
+Tolerance = Annotated[
+    float | None,
+    typer.Option(
+        help="distance from the target that counts as reached, in m (posture change: rad)",
+        show_default="the environment's",
+    ),
+]
+LoadRange = Annotated[
+    str | None,
+    typer.Option(
+        help="range of the unknown load, such as 0,1, in the environment's unit", show_default="the environment's"
+    ),
+]
+PayloadRange = Annotated[
+    str | None, typer.Option(help="range of the unknown payload in kg, such as 0,0.4", show_default="the environment's")
+]
+
+
+def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the fields of each argument that is a group (a dataclass) as options of their own."""
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
+    members = {name: get_type_hints(group, include_extras=True) for name, group in groups.items()}
+    parameters = []
+    for parameter in inspect.signature(command).parameters.values():
+        if parameter.name not in groups:
+            parameters.append(parameter.replace(annotation=hints[parameter.name], kind=inspect.Parameter.KEYWORD_ONLY))
+            continue
+        parameters += [
+            inspect.Parameter(
+                field.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=field.default,
+                annotation=members[parameter.name][field.name],
+            )
+            for field in fields(groups[parameter.name])
+        ]
+
+    def expanded(**given: Any) -> None:
+        made = {name: group(**{key: given.pop(key) for key in members[name]}) for name, group in groups.items()}
+        command(**given, **made)
+
+    expanded.__doc__, expanded.__name__ = command.__doc__, command.__name__
+    expanded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    expanded.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return expanded
+
+
+@dataclass
+class EnvironmentOptions:
+    """The options that make an environment one's own."""
+
+    design: Design = None
+    randomization: Randomization = None
+    tolerance: Tolerance = None
+    load_range: LoadRange = None
+    payload_range: PayloadRange = None
+
+    def parsed(self) -> dict[str, Any]:
+        """The environment's options that were given at the command line.
+
+        Raises:
+            ConfigError: one cannot be read.
+        """
+        options: dict[str, Any] = {}
+        if self.design is not None:
+            options["design"] = env_options.parse_design(self.design)
+        if self.randomization is not None:
+            options["randomization"] = env_options.parse_randomization(self.randomization)
+        if self.tolerance is not None:
+            options["tolerance"] = self.tolerance
+        if self.load_range is not None:
+            options["load_range"] = env_options.parse_range(self.load_range, "--load-range")
+        if self.payload_range is not None:
+            options["payload_range"] = env_options.parse_range(self.payload_range, "--payload-range")
+        return options
+
+    def checked(self, *env_ids: str) -> dict[str, Any]:
+        """The same, once all of these environments have taken them; the last one's are explained.
+
+        Raises:
+            ConfigError: one cannot be read, or an environment does not take it.
+        """
+        options = self.parsed()
+        for env_id in env_ids:
+            env_options.check_options(env_id, options)
+        explain_options(env_ids[-1], options)
+        return options
+
+
+@dataclass
+class ExperimentOptions:
+    """The options that choose an experiment and the folder of its results."""
+
+    config: Config = None
+    env: EnvOfConfig = None
+    out: Out = None
+    seeds: Seeds = None
+    fresh: Fresh = False
+
+    def chosen(self, options: EnvironmentOptions, **changes: Any) -> tuple[Experiment, Path]:
+        """The experiment, and the folder of its results.
+
+        Args:
+            options: of the environment.
+            **changes: further values of the experiment; None for those that stay as the config has them.
+
+        Raises:
+            ConfigError: something does not fit.
+        """
+        changes = {name: value for name, value in changes.items() if value is not None} | options.parsed()
+        if self.seeds is not None:
+            changes["seeds"] = parse_seeds(self.seeds)
+        experiment = find_experiment(self.config, self.env)
+        if more := changes.pop("more_controllers", None):
+            changes["controllers"] = list(dict.fromkeys([*experiment.compared, *more]))
+        experiment = experiment.changed(**changes)
+        folder = checked_folder(self.out or Path("results") / experiment.results_name, "--out")
+        explain_options(experiment.env, experiment.options)
+        return experiment, folder
+
+
+def explain_options(env_id: str, options: dict[str, Any]) -> None:
+    """Say which options count, and from which design the fields come that are not given."""
+    for line in env_options.explain(env_id, options):
+        say(line)
+
+
+def parse_seeds(text: str) -> list[int]:
+    """Training seeds from "0,1,2".
+
+    Raises:
+        ConfigError: they are not different whole numbers.
+    """
+    try:
+        seeds = [int(part) for part in text.split(",")]
+    except ValueError:
+        raise ConfigError(f"--seeds {text}: must be whole numbers with commas between them, such as 0,1,2") from None
+    if len(set(seeds)) != len(seeds):
+        raise ConfigError(f"--seeds {text}: must be different numbers")
+    return seeds
+
+
+def find_experiment(config: Path | None, env: str | None, folder: Path = Path("configs")) -> Experiment:
+    """The experiment of a config file, or of the config in `folder` whose environment is `env`.
+
+    Args:
+        config: file.
+        env: id, with or without "tensegrity/"; TwoXReach-v0 if neither is given.
+        folder: of configs.
+
+    Raises:
+        ConfigError: there is none, or the config is for another environment than `env`.
+    """
+    if config is not None:
+        experiment = load_experiment(config)
+        if env is not None and known_env(env) != experiment.env:
+            raise ConfigError(f"--config {config} is for {experiment.env}, --env says {env}: give one of them")
+        return experiment
+    wanted = known_env(env or "TwoXReach-v0")
+    found: dict[str, Path] = {}
+    unreadable = []
+    for path in sorted(folder.glob("*.yaml")):  # of several, the one whose name comes first
+        try:
+            given = str(read_yaml(path, "env: TwoXReach-v0").get("env"))
+        except ConfigError as error:
+            unreadable.append(str(error))
+            continue
+        found.setdefault(given if given.startswith("tensegrity/") else f"tensegrity/{given}", path)
+    if wanted not in found:
+        there = ", ".join(found) or "nothing"
+        notes = "".join(f"\n  {note}" for note in unreadable)
+        raise ConfigError(
+            f"no config for {wanted} in {folder.absolute()}{os.sep}; there are configs for {there}; "
+            f"--config takes a file from anywhere{notes}"
+        )
+    return load_experiment(found[wanted])
