@@ -32,6 +32,28 @@ LAYERS = [
     "registration",
     "warming",
 ]
+AGENTS = ROOT / "agents" / "tensegrity_agents"
+# The same of the agents.
+AGENT_LAYERS = [
+    "interrupt",
+    "yaml_file",
+    "env_options",
+    "controllers",
+    "config",
+    "evaluation",
+    "sb3",
+    "reporting",
+    "analysis",
+    "playground",
+    "experiment",
+    "benchmark",
+    "benchmark_against",
+    "console",
+    "command_options",
+]
+# Training, evaluation and reports do not know each other, but for the evaluations in the course of a training, and for
+# the results that reports are of: `experiment` brings them together.
+APART = {"evaluation": {"sb3"}, "reporting": {"sb3"}, "sb3": {"reporting"}, "analysis": {"sb3", "evaluation"}}
 FORBIDDEN = {
     "compiler": {"gymnasium", "torch", "pygame", "matplotlib"},
     "mechanics": {"gymnasium", "torch", "pygame", "matplotlib"},
@@ -63,6 +85,27 @@ def test_layers_of_the_environments():
             assert parts[0] != "tensegrity_agents", f"{path} imports {name}"
             if parts[0] == "tensegrity_envs" and len(parts) > 1:
                 assert LAYERS.index(parts[1]) <= LAYERS.index(layer), f"{path} imports {name}"
+
+
+def agent_layer(name):
+    """The layer of a module of the agents, by its name without that of the package."""
+    found = [layer for layer in AGENT_LAYERS if name == layer or name.startswith(f"{layer}.")]
+    assert found, f"tensegrity_agents.{name}: belongs to no layer"
+    return max(found, key=len)
+
+
+def test_layers_of_the_agents():
+    for path in AGENTS.rglob("*.py"):
+        module = ".".join(path.relative_to(AGENTS).with_suffix("").parts).removesuffix(".__init__")
+        if module == "__init__":
+            continue
+        layer = agent_layer(module)
+        for name in imports(path):
+            package, _, rest = name.partition(".")
+            if package == "tensegrity_agents" and rest:
+                other = agent_layer(rest)
+                assert AGENT_LAYERS.index(other) <= AGENT_LAYERS.index(layer), f"{path} imports {name}"
+                assert other not in APART.get(layer, set()), f"{path} imports {name}"
 
 
 def test_scripts_only_parse_arguments():

@@ -19,7 +19,7 @@ from pydantic import (
 import tensegrity_envs
 from tensegrity_agents import env_options
 from tensegrity_agents.controllers import baselines_of, teachers_of
-from tensegrity_agents.sb3.hints import Hints
+from tensegrity_agents.controllers.model_features import ModelFeatures
 from tensegrity_agents.yaml_file import ConfigError, read_yaml
 
 __all__ = ["ConfigError", "Experiment", "TrainConfig", "known_env", "load_experiment"]
@@ -109,7 +109,8 @@ class TrainConfig(_Strict):
     )
     goal_is_angles: bool = Field(False, description="goals are angles on the torus, see GoalErrorExtractor")
     model_hints: bool = Field(
-        False, description="the nominal model tells the agent what it makes of the observation, see sb3.hints"
+        False,
+        description="the agent also observes model-based features, see controllers.model_features",
     )
     history: int = Field(
         0, ge=0, description="observations and actions of so many steps before, and the first observation, are seen"
@@ -202,7 +203,7 @@ class Experiment(_Strict):
     @model_validator(mode="after")
     def _hints_are_there(self) -> "Experiment":
         if self.train.model_hints:
-            Hints(self.env, self.options)
+            ModelFeatures(self.env, self.options)
             if self.train.algorithm != "ppo" and self.train.off_policy.her:
                 raise ValueError("model_hints: true does not go with her: true, which changes goals but not hints")
         return self

@@ -20,9 +20,9 @@ from stable_baselines3.common.policies import BasePolicy, MultiInputActorCriticP
 from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import MultiInputPolicy as SACPolicy
 
+from tensegrity_agents.controllers.model_features import ModelFeatures
 from tensegrity_agents.sb3.augmented import Augmentation
 from tensegrity_agents.sb3.features import GoalErrorExtractor
-from tensegrity_agents.sb3.hints import Hints
 from tensegrity_agents.sb3.history import History
 
 FORMAT = 1
@@ -106,7 +106,7 @@ def augmentations(description: Mapping[str, Any]) -> list[Augmentation]:
     found: list[Augmentation] = []
     space, action_space = _spaces(description["env"], description.get("options"))
     if description.get("model_hints"):
-        found.append(Hints(description["env"], description.get("options")))
+        found.append(ModelFeatures(description["env"], description.get("options")))
         space = found[-1].space(space)
     if description.get("history"):
         found.append(History.of(int(description["history"]), space, action_space))

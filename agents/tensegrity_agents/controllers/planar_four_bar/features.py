@@ -1,9 +1,10 @@
-"""What the nominal, unloaded planar 4-bar mechanism tells an agent about an observation."""
+"""Model-based features of the nominal, unloaded planar 4-bar mechanism."""
 
 from typing import Any, cast
 
 import numpy as np
 
+from tensegrity_agents.controllers.base import Observation
 from tensegrity_agents.controllers.planar_four_bar.planning import way_points
 from tensegrity_agents.controllers.planar_four_bar.reading import (
     configuration,
@@ -22,7 +23,7 @@ _DAMPING = 0.1  # of the pseudo-inverse
 _PLACES = 400  # lengths of which those are taken whose tip is nearest to the target, where there is no solution
 
 
-class Hints:
+class Features:
     """Where the target is for the nominal mechanism, and how much it is pushed.
 
     Which of up to four inverse solutions is the nearest is a function with many folds, hard to learn from positions.
@@ -41,8 +42,8 @@ class Hints:
         tips = [np.stack(core.nominal.rectangle(tuple(self.places.T), side)[1], axis=1) for side in (1.0, -1.0)]
         self.tips = np.stack(tips)
 
-    def __call__(self, observation: Any, memory: Any, begins: np.ndarray) -> tuple[np.ndarray, Any]:
-        """What is told.
+    def __call__(self, observation: Observation, memory: Any, begins: np.ndarray) -> tuple[np.ndarray, Any]:
+        """The features.
 
         Args:
             observation: Dict of arrays of shape (n, ...).
@@ -50,11 +51,11 @@ class Hints:
             begins: shape (n,).
 
         Returns:
-            Shape (n, 12): the gap from the actuator lengths to the nearest inverse solution on the side of the tip
-            without a load, or to the corner of the way there that keeps off where C and D meet (2), as a share of 2 L,
-            and as tanh of one and of ten times gap / largest step (4), where there is none to lengths of a table with
-            the tip close to the target; the same tanh of ten times the step that the Jacobian tells (2), zero where the
-            straight way is not free: it would lead to where C and D meet; the direction across bar CF (2); the force
+            Shape (n, 12): the distance from the actuator lengths to the nearest inverse solution on the side of the tip
+            without a load, or to the corner of the path there that keeps off where C and D meet (2), as a share of 2 L,
+            and as tanh of one and of ten times distance / largest step (4), where there is none to lengths of a table
+            with the tip close to the target; the same tanh of ten times the step by the Jacobian (2), zero where the
+            straight path is not free: it would lead to where C and D meet; the direction across bar CF (2); the force
             on F along it, divided by K L (1); the stability margin m, were that all of the force, as m / (1 + |m|) (1).
             And the memory.
         """
@@ -72,19 +73,19 @@ class Hints:
         push: tuple[np.ndarray, np.ndarray],
         load: np.ndarray,
     ) -> np.ndarray:
-        """What is told about actuator lengths to go to and a force on F."""
+        """The features, for actuator lengths to go to and a force on F."""
         nominal, rate = self.nominal, self.rate
         lengths = tuple(observed.actuator_lengths.T)
         _, corner = shortest_way(lengths, tuple(end.T), self.obstacle)
-        gap = np.stack(corner, axis=1) - observed.actuator_lengths
+        distance = np.stack(corner, axis=1) - observed.actuator_lengths
         step = resolved_rate(nominal, observed.actuator_lengths, here, observed.target - observed.tip, _DAMPING)
         step = np.where((np.stack(corner, axis=1) == end).all(axis=1, keepdims=True), step, 0.0)
         margin = np.asarray(nominal.stability_margin(tuple(configuration(nominal, observed).T), lengths, tuple(load.T)))
         across, force = push
         columns = [
-            gap / (2 * float(nominal.length)),
-            np.tanh(gap / rate),
-            np.tanh(10 * gap / rate),
+            distance / (2 * float(nominal.length)),
+            np.tanh(distance / rate),
+            np.tanh(10 * distance / rate),
             np.tanh(10 * step / rate),
             across,
             np.clip(force / float(nominal.largest_force), -3.0, 3.0)[:, None],

@@ -1,11 +1,11 @@
-"""What the nominal planar 4-bar mechanism tells an agent about an episode under an unknown force."""
+"""Model-based features of the nominal planar 4-bar mechanism under an unknown force."""
 
 from typing import NamedTuple, cast
 
 import numpy as np
 
 from tensegrity_agents.controllers.base import Observation, with_rows
-from tensegrity_agents.controllers.planar_four_bar.hints import Hints
+from tensegrity_agents.controllers.planar_four_bar.features import Features
 from tensegrity_agents.controllers.planar_four_bar.planning import ends, trips
 from tensegrity_agents.controllers.planar_four_bar.reading import (
     NOTICEABLE,
@@ -41,7 +41,7 @@ class Memory(NamedTuple):
     far: np.ndarray
 
 
-class LoadedHints(Hints):
+class LoadedFeatures(Features):
     """The same under a force, which two postures reveal; so these remember what an episode has shown."""
 
     size = 15
@@ -49,7 +49,7 @@ class LoadedHints(Hints):
     def __call__(
         self, observation: Observation, memory: Memory | None, begins: np.ndarray
     ) -> tuple[np.ndarray, Memory]:
-        """What is told.
+        """The features.
 
         Args:
             observation: Dict of arrays of shape (n, ...).
@@ -57,9 +57,9 @@ class LoadedHints(Hints):
             begins: which of them begin an episode, shape (n,).
 
         Returns:
-            Shape (n, 15): as `Hints`, but for the solutions and the stability margin under the force that the postures
-            of the episode have revealed; that force, divided by K L (2); how well it is known, from 0 to 1 (1). And the
-            memory.
+            Shape (n, 15): as those of `Features`, but for the solutions and the stability margin under the force that
+            the postures of the episode have revealed; that force, divided by K L (2); how well it is known, from 0 to
+            1 (1). And the memory.
         """
         observed = self.core.schema.decode(observation)
         here, push = side(self.nominal, observed), force_across(self.nominal, observed)

@@ -1,6 +1,6 @@
-"""What the nominal analytic model tells an agent beside the observation, for those whose config asks for it.
+"""Model-based features: what the nominal model makes of an observation, for agents whose config asks for them.
 
-Hints are functions of the observations of an episode so far and the nominal design, both of which every analytic
+They are functions of the observations of an episode so far and the nominal design, both of which every analytic
 controller has, too; they are appended to the entry "observation" before it is normalized.
 """
 
@@ -12,47 +12,49 @@ import numpy as np
 from gymnasium import spaces
 
 from tensegrity_agents.controllers import planar_four_bar
-from tensegrity_agents.controllers.base import beginning
+from tensegrity_agents.controllers.base import Observation, beginning
 
 
-def _planar_four_bar(core: Any) -> planar_four_bar.Hints:
+def _planar_four_bar(core: Any) -> planar_four_bar.Features:
     loaded = any(core.sampler.load_range)
-    return planar_four_bar.LoadedHints(core) if loaded else planar_four_bar.Hints(core)
+    return planar_four_bar.LoadedFeatures(core) if loaded else planar_four_bar.Features(core)
 
 
-# By the name of the environment's arm: makes, for a core, what has `size` and tells so many numbers of an observation.
-HINTS: dict[str, Callable[[Any], Any]] = {"PlanarFourBarReach": _planar_four_bar}
+# By the name of the environment's arm: makes, for a core, what has `size` and computes so many features.
+FEATURES: dict[str, Callable[[Any], Any]] = {"PlanarFourBarReach": _planar_four_bar}
 
 
-class Hints:
-    """Appends the hints of an environment to its observations.
+class ModelFeatures:
+    """Appends the model-based features of an environment to its observations.
 
     Args:
         env_id: Gymnasium id.
         options: of the environment.
 
     Raises:
-        ValueError: there are no hints for it.
+        ValueError: there are none for it.
     """
 
     def __init__(self, env_id: str, options: dict[str, Any] | None = None) -> None:
         env: Any = gym.make(env_id, **(options or {})).unwrapped
         arm = gym.spec(env_id).kwargs["arm"]
-        if arm not in HINTS:
-            known = [i for i in gym.registry if i.startswith("tensegrity/") and gym.spec(i).kwargs.get("arm") in HINTS]
+        if arm not in FEATURES:
+            known = [
+                i for i in gym.registry if i.startswith("tensegrity/") and gym.spec(i).kwargs.get("arm") in FEATURES
+            ]
             raise ValueError(f"model_hints: there are none for {env_id}; there are for {', '.join(sorted(known))}")
-        self._of_arm = HINTS[arm](env.core)
+        self._of_arm = FEATURES[arm](env.core)
         env.close()
 
     def space(self, space: spaces.Dict) -> spaces.Dict:
-        """The observation space with hints."""
+        """The observation space with features."""
         size = int(np.prod(space["observation"].shape or ())) + self._of_arm.size
         return spaces.Dict({**space.spaces, "observation": spaces.Box(-np.inf, np.inf, (size,), np.float32)})
 
     def __call__(
-        self, observation: dict[str, Any], memory: Any = None, begins: np.ndarray | None = None
+        self, observation: Observation, memory: Any = None, begins: np.ndarray | None = None
     ) -> tuple[dict[str, Any], Any]:
-        """The observation or batch of n observations with hints.
+        """The observation or batch of n observations with features.
 
         Args:
             observation: Dict of arrays.
@@ -64,9 +66,9 @@ class Hints:
         """
         single = np.ndim(observation["observation"]) == 1
         batch = {key: np.atleast_2d(value) for key, value in observation.items()}
-        told, memory = self._of_arm(batch, memory, beginning(len(batch["observation"]), memory, begins))
-        told = np.concatenate([batch["observation"], told], axis=1).astype(np.float32)
-        return {**observation, "observation": told[0] if single else told}, memory
+        features, memory = self._of_arm(batch, memory, beginning(len(batch["observation"]), memory, begins))
+        whole = np.concatenate([batch["observation"], features], axis=1).astype(np.float32)
+        return {**observation, "observation": whole[0] if single else whole}, memory
 
     def acted(self, memory: Any, actions: np.ndarray) -> Any:
         """See `augmented.Augmentation`; actions are not remembered."""

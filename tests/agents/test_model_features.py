@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from tensegrity_agents.config import Experiment
+from tensegrity_agents.controllers.model_features import ModelFeatures
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
-from tensegrity_agents.sb3.hints import Hints
 from tensegrity_agents.sb3.policy_file import load_policy
 from tensegrity_agents.sb3.training import train
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
@@ -26,7 +26,7 @@ def make_vec(env_id, count):
 def told(env_id, count):
     """Observation, info, and the hints alone."""
     observation, info = make_vec(env_id, count).reset(seed=3)
-    return observation, info, alone(Hints(env_id)(observation)[0], observation)
+    return observation, info, alone(ModelFeatures(env_id)(observation)[0], observation)
 
 
 def alone(with_hints, observation):
@@ -48,7 +48,7 @@ def test_the_gap_leads_to_the_target():
 
 def test_without_a_solution_the_gap_leads_near_the_target():
     observation, info = make_vec(LOADED, 2000).reset(seed=3)
-    hints = alone(Hints(REACH, {"observe": "tip_and_inputs"})(observation)[0], observation)  # those that know no force
+    hints = alone(ModelFeatures(REACH, {"observe": "tip_and_inputs"})(observation)[0], observation)
     lengths = info["actuator_lengths"] + 20.0 * hints[:, :2]
     _, tip = ARM.rectangle(tuple(lengths.T), info["random_side"])
     off = np.hypot(*(np.stack(tip, 1) - observation["desired_goal"]).T)
@@ -69,7 +69,7 @@ class Follower:
     """Goes where the gap tells."""
 
     def __init__(self, env_id):
-        self.hints = Hints(env_id)
+        self.hints = ModelFeatures(env_id)
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         seen, state = self.hints(observation, state, episode_start)
@@ -88,7 +88,7 @@ def test_the_step_leads_to_a_target_close_by():
     angle = np.random.default_rng(0).uniform(-np.pi, np.pi, 500)
     wanted = 0.01 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     observation["desired_goal"] = observation["achieved_goal"] + wanted
-    hints = alone(Hints(REACH)(observation)[0], observation)[:, 6:8]
+    hints = alone(ModelFeatures(REACH)(observation)[0], observation)[:, 6:8]
     lengths = info["actuator_lengths"] + 0.05 * np.arctanh(hints)
     _, tip = ARM.rectangle(tuple(lengths.T), info["random_side"])
     left = np.hypot(*(np.stack(tip, 1) - observation["desired_goal"]).T)
@@ -113,7 +113,7 @@ def test_the_margin_is_the_simulations_without_a_load():
 
 def after_two_postures(count):
     """Observation, info, hints of the first and of the second posture."""
-    envs, hints = make_vec(LOADED, count), Hints(LOADED)
+    envs, hints = make_vec(LOADED, count), ModelFeatures(LOADED)
     observation, info = envs.reset(seed=3)
     first, memory = hints(observation)
     action = np.tile([0.2, -0.3], (count, 1))
@@ -152,7 +152,7 @@ def test_the_gap_under_a_force_leads_to_a_stable_equilibrium_with_the_tip_on_the
 
 @pytest.mark.parametrize("env_id", [REACH, LOADED])
 def test_single_observations_terminal_ones_and_batches_agree(env_id):
-    hints = Hints(env_id)
+    hints = ModelFeatures(env_id)
     envs = AugmentedVecEnv(VectorEnvAdapter(make_vec(env_id, 8)), hints)
     envs.seed(0)
     observation = envs.reset()
