@@ -14,7 +14,7 @@ from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.overlay import Image, image
 from tensegrity_envs.mechanics.regions import BoundaryPoints, Region, Traced
 
-STABILITY, SINGULARITY = "stability", "singularity"
+STABILITY, WRENCH, SINGULARITY = "stability", "wrench", "singularity"
 CLIP = 0.99 * math.pi  # [Muralidharan2022, section 5] keeps away from the flat poses by this much
 SHEETS = {"det J > 0": 1, "det J < 0": -1}
 
@@ -63,10 +63,7 @@ def stable_wrench_feasible_joint_space(
     """
     if any(isinstance(value, np.ndarray) for value in vars(mechanism.design).values()):
         raise ValueError("a region belongs to one design, not to a batch of them")
-    if limit is None:
-        limit = min(float(mechanism.design.joint_limit), CLIP)
-    if not 0 < limit < math.pi:
-        raise ValueError(f"limit = {limit!r}: must be in (0, pi); at pi no cable has a moment arm")
+    limit = _checked_limit(mechanism, limit)
     if sheet not in (-1, 0, 1):
         raise ValueError(f"sheet = {sheet!r}: must be 1 or -1, the sign of det J, or 0 for both")
     low, high = float(mechanism.design.min_tension), float(mechanism.design.max_tension)
@@ -204,3 +201,106 @@ def summary(joint_space: Traced, workspace: Image) -> dict[str, float | int | bo
         "SWFW holes": len(workspace.holes),
         "SWFW area of the largest hole [m2]": workspace.holes[0].area if workspace.holes else 0.0,
     }
+
+
+def stable_wrench_feasible_slice(
+    mechanism: CableDriven,
+    free: tuple[int, int],
+    fixed: Any,
+    limit: float | None = None,
+    load: tuple[float, float] = (0.0, 0.0),
+) -> Region:
+    """A slice of the SWFJ of a mechanism of more than two joints: a region of two of its joint angles [rad].
+
+    Its conditions are "stability" and "wrench", the margins at the stiffest feasible tensions.
+
+    Args:
+        mechanism: of one design.
+        free: which joints vary, by number from 0.
+        fixed: all joint angles [rad]; those of the free joints do not matter.
+        limit, load: see `stable_wrench_feasible_joint_space`.
+
+    Raises:
+        ValueError: limit is not in (0, pi), or the joints are not two of the mechanism's.
+    """
+    limit = _checked_limit(mechanism, limit)
+    first, second = free
+    angles = [float(angle) for angle in fixed]
+    if first == second or not all(0 <= joint < len(angles) for joint in free):
+        raise ValueError(f"free = {free!r}: must be two different joints of 0 ... {len(angles) - 1}")
+
+    def conditions(q1: Any, q2: Any) -> tuple[Component, ...]:
+        q: list[Any] = [angle + 0.0 * q1 for angle in angles]
+        q[first], q[second] = q1, q2
+        _, stability, wrench = mechanism.posture(tuple(q), load)
+        return stability, wrench
+
+    what = f"SWFJ, joints {first + 1} and {second + 1}"
+    return Region(conditions, (STABILITY, WRENCH), (-limit, -limit), (limit, limit), what)
+
+
+class Volume(NamedTuple):
+    """How large the SWFJ of a mechanism of any number of joints is.
+
+    Attributes:
+        volume: in joint space [rad^n].
+        fraction: of the cube |alpha_i| <= limit.
+        error: standard error of the fraction.
+    """
+
+    volume: float
+    fraction: float
+    error: float
+
+
+def stable_wrench_feasible_volume(
+    mechanism: CableDriven,
+    joints: int,
+    limit: float | None = None,
+    load: tuple[float, float] = (0.0, 0.0),
+    lines: int = 1024,
+    samples: int = 65,
+) -> Volume:
+    """The volume of the SWFJ in joint space, from its exact intervals along lines.
+
+    The lines run along the last joint's angle; where, tell the points of eight scrambled Sobol sequences, the same ones
+    at every call, whose means give the standard error.
+
+    Args:
+        mechanism: of one design.
+        joints: how many it has, two or more.
+        limit, load: see `stable_wrench_feasible_joint_space`.
+        lines: of each sequence, a power of two.
+        samples: along each line, see `Region.slices`.
+
+    Raises:
+        ValueError: limit is not in (0, pi), or there are fewer than two joints.
+    """
+    from scipy.stats import qmc
+
+    limit = _checked_limit(mechanism, limit)
+    if joints < 2:
+        raise ValueError(f"joints = {joints!r}: must be two or more")
+    shares = []
+    for seed in range(8):
+        places = (2 * qmc.Sobol(joints - 1, rng=seed).random(lines) - 1) * limit
+
+        def conditions(line: Any, last: Any, places: np.ndarray = places) -> tuple[Component, ...]:
+            number, last = np.broadcast_arrays(np.rint(line).astype(int), last)
+            _, stability, wrench = mechanism.posture((*places[number].transpose(-1, *range(number.ndim)), last), load)
+            return stability, wrench
+
+        region = Region(conditions, (STABILITY, WRENCH), (0.0, -limit), (float(lines), limit))
+        found = region.slices(0, np.arange(lines), samples)
+        shares.append(sum(part.high - part.low for line in found for part in line) / (2 * limit * lines))
+    fraction = float(np.mean(shares))
+    error = float(np.std(shares, ddof=1) / math.sqrt(len(shares)))
+    return Volume(fraction * (2 * limit) ** joints, fraction, error)
+
+
+def _checked_limit(mechanism: CableDriven, limit: float | None) -> float:
+    if limit is None:
+        limit = min(float(mechanism.design.joint_limit), CLIP)
+    if not 0 < limit < math.pi:
+        raise ValueError(f"limit = {limit!r}: must be in (0, pi); at pi no cable has a moment arm")
+    return limit
