@@ -18,7 +18,7 @@ import numpy as np
 from gymnasium import spaces
 
 from tensegrity_envs.compiler.kernel import Kernel
-from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace, namespace_of, to_single
 from tensegrity_envs.compiler.pytree import Schema, is_row, tree_leaves
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.observation import Field, ObservationSchema
@@ -51,7 +51,7 @@ class Sampled(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """All there is to tell about a step.
+    """All results of a step.
 
     Attributes:
         state: after the step.
@@ -87,7 +87,7 @@ def _is_empty(info: Any) -> bool:
 
 
 class Core(ABC):
-    """What the shells run. A subclass brings a mechanism, the way it is driven and drawn, and what is seen of it.
+    """An environment without its shell. A subclass brings mechanism, actuation, sampling, observation and picture.
 
     Attributes:
         published: the design that is taken where none is given.
@@ -178,11 +178,11 @@ class Core(ABC):
         Every number is a function of its pair alone, never of the batch; see `seeding.EpisodeStream`.
         """
 
-    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
+    def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """A sampled episode, a batch of one, with another target or start.
 
         Args:
-            drawn: the episode as it was sampled.
+            sampled: the episode as it was sampled.
             target: components of shape (1,), as "desired_goal" has them; None for the sampled one.
             configuration: at the start, likewise.
 
@@ -232,7 +232,7 @@ class Core(ABC):
 
     @cached_property
     def fingerprint(self) -> str:
-        """What tells this environment's states from those of others."""
+        """A text by which states of this environment are known from those of others."""
         parts = (self.design, self.randomization, self.dynamics, self.task, self.episodes.rows, self.outcomes.rows)
         digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
         return f"{type(self).__name__} {digest}"
@@ -298,7 +298,7 @@ class Core(ABC):
         """What is compared with the goal: the tip [m]."""
         return state.tip
 
-    def error(self, xp: Any, achieved: Components, goal: Components) -> Component:
+    def error(self, xp: Namespace, achieved: Components, goal: Components) -> Component:
         """Distance of the achieved from the desired goal [m]."""
         distance = xp.hypot(achieved[0] - goal[0], achieved[1] - goal[1])
         for here, there in zip(achieved[2:], goal[2:], strict=True):
@@ -306,7 +306,7 @@ class Core(ABC):
         return distance
 
     def outcome(self, episode: Episode, state: State) -> Outcome:
-        """What is to be told about a state."""
+        """The outcome of being in a state. Traced."""
         xp = namespace_of(state.tip[0])
         seen = self.measured(state)
         achieved = tuple(to_single(component) for component in self.achieved(seen))
@@ -393,9 +393,9 @@ class Core(ABC):
 
     @cached_property
     def _sampled_schemas(self) -> tuple[Schema, Schema, Schema]:
-        """Schemas of episodes, start configurations and start inputs, which are those of any draw."""
-        drawn = self.sample(np.zeros(1, np.int64), np.zeros(1, np.int64))
-        return Schema(drawn.episode), Schema(drawn.configuration), Schema(drawn.inputs)
+        """Schemas of episodes, start configurations and start inputs, which are the same for all samples."""
+        sampled = self.sample(np.zeros(1, np.int64), np.zeros(1, np.int64))
+        return Schema(sampled.episode), Schema(sampled.configuration), Schema(sampled.inputs)
 
     @property
     def episodes(self) -> Schema:
@@ -443,10 +443,10 @@ class Core(ABC):
         """
         return self.begin_sampled(self.sample(seed, episode))
 
-    def begin_sampled(self, drawn: Sampled) -> tuple[np.ndarray, np.ndarray]:
+    def begin_sampled(self, sampled: Sampled) -> tuple[np.ndarray, np.ndarray]:
         """Begin episodes that were sampled; see `begin`."""
-        schemas, count = self._sampled_schemas, len(drawn.configuration[0])
-        matrices = [schema.pack(part, count) for schema, part in zip(schemas, drawn, strict=True)]
+        schemas, count = self._sampled_schemas, len(sampled.configuration[0])
+        matrices = [schema.pack(part, count) for schema, part in zip(schemas, sampled, strict=True)]
         episodes, outcomes = matrices[0], self._begin(*matrices)
         if self.engine is not None:
             self._begin_motion(outcomes)
@@ -595,11 +595,11 @@ class Core(ABC):
         return self.evaluate(self.episodes.pack(episode, n), self.states.pack(state, n)), single
 
     def random_from(self, info: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """What was randomized, as `info` tells it; see `Episode.random`."""
+        """The randomized quantities, from `info`; see `Episode.random`."""
         return {name: np.asarray(info[f"random_{name}"], float) for name in self.episodes.rows.random}
 
     def with_achieved(self, state: State, achieved: Components) -> State:
-        """The state of which `achieved` tells that."""
+        """The state whose achieved goal is this one."""
         return state._replace(tip=achieved)
 
     def _goals(self, achieved: Any, desired: Any) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -661,17 +661,17 @@ class Core(ABC):
             raise missing
         return {key: np.array([one[key] for one in info]) for key in keys}
 
-    def places(self, drawn: Sampled) -> Iterable[Any]:
+    def places(self, sampled: Sampled) -> Iterable[Any]:
         """Positions [m] of the nodes of planar arms at the start of episodes, for the frame of pictures."""
-        return list(self.nominal.nodes(drawn.configuration).values())
+        return list(self.nominal.nodes(sampled.configuration).values())
 
     @cached_property
     def frame(self) -> tuple[tuple[float, float], float]:
         """Centre [m] and half of the side [m] of the square that pictures show: where the arm and its goals are."""
-        drawn = self.sample(np.zeros(_FRAMED, np.int64), np.arange(_FRAMED))
-        places = list(self.places(drawn))
+        sampled = self.sample(np.zeros(_FRAMED, np.int64), np.arange(_FRAMED))
+        places = list(self.places(sampled))
         if self.error_unit == "mm":
-            places.append(drawn.episode.goal_at(0.0))
+            places.append(sampled.episode.goal_at(0.0))
         return frame_around(places)
 
     def error_text(self, error: float) -> str:

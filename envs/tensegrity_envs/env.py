@@ -15,7 +15,7 @@ from tensegrity_envs.seeding import checked_episode, checked_seed
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State, termination_reason
 
 _TRACE = 100  # tip positions kept for the picture
-_AHEAD = 16  # episodes drawn at once
+_AHEAD = 16  # episodes sampled at once
 
 
 class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
@@ -89,7 +89,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             seed: any non-negative integer.
             options: {"episode": k} begins the k-th episode of the seed, counted from 0; {"target": (x, y)} and
                 {"configuration": q} put a target (as "desired_goal" has it) or a start of your own in the place of the
-                drawn one, where the mechanism can be there and the target can be reached.
+                sampled one, where the mechanism can be there and the target can be reached.
 
         Raises:
             ValueError: a number that is no non-negative integer, an unknown option, a target or configuration that is

@@ -14,6 +14,8 @@ from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from typing import Any, Literal
 
+import numpy as np
+
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.tasks import Weights
@@ -78,7 +80,7 @@ class Options:
         """Whether the environment has dynamics."""
         return self.backend == "mujoco"
 
-    def scoring(self, weights: Weights, tolerance: float, scale: Any = 1.0) -> dict[str, Any]:
+    def scoring(self, weights: Weights, tolerance: float, scale: float | np.floating = 1.0) -> dict[str, Any]:
         """The arguments that all tasks share.
 
         Args:

@@ -15,9 +15,9 @@ _LONGEST_DELAY = 200  # steps
 
 @dataclass(frozen=True)
 class Randomization:
-    """Ranges from which every episode draws, uniformly; None leaves a quantity as it is.
+    """Ranges of what is sampled for every episode, uniformly; None leaves a quantity as it is.
 
-    `info` tells what was drawn, as random_<name>; controllers do not see it.
+    `info` holds the sampled values as random_<name>; controllers do not see them.
 
     Attributes:
         stiffness: factor of all spring stiffnesses.
@@ -99,36 +99,36 @@ class Randomization:
 
     @property
     def names(self) -> list[str]:
-        """Of what is randomized."""
+        """The names of what is randomized."""
         default = Randomization.__dataclass_fields__
         return [name for name in default if getattr(self, name) != default[name].default]
 
     @property
     def longest_delay(self) -> int:
-        """Of the actions, in steps."""
+        """The longest delay of an action, in steps."""
         return int(self.actuation_delay[1]) if self.actuation_delay else 0
 
     @property
     def is_noisy(self) -> bool:
-        """Whether sensors are."""
+        """Whether the sensors are noisy."""
         return self.tip_noise > 0 or self.angle_noise > 0
 
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> dict[str, np.ndarray]:
-        """What the episodes of the given (seed, episode) pairs, both of shape (n,), draw, by name; but the payload."""
+        """The sampled values of (seed, episode) pairs, both of shape (n,), by name; all but the payload."""
         stream = EpisodeStream(seed, episode, _FIRST_DRAW)
-        drawn = {}
+        sampled = {}
         for name in ("stiffness", "mass", "damping"):
-            number = stream.uniform()  # drawn in any case, so that one range does not change another one's numbers
+            number = stream.uniform()  # taken in any case, so that one range does not change another one's numbers
             if getattr(self, name) is not None:
                 low, high = getattr(self, name)
-                drawn[name] = low + (high - low) * number
+                sampled[name] = low + (high - low) * number
         number = stream.uniform()
         if self.actuation_delay is not None:
             low, high = self.actuation_delay
-            drawn["actuation_delay"] = np.minimum(np.floor(low + (high - low + 1) * number), high)
+            sampled["actuation_delay"] = np.minimum(np.floor(low + (high - low + 1) * number), high)
         if self.is_noisy:
-            drawn["noise_key"] = np.floor(_KEYS * stream.uniform())
-        return drawn
+            sampled["noise_key"] = np.floor(_KEYS * stream.uniform())
+        return sampled
 
     @staticmethod
     def normals(key: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:

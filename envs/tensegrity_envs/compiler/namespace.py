@@ -10,13 +10,46 @@ import math
 import sys
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 # A float, a NumPy array or a Torch tensor. Arithmetic on it is the same in all three; no static type says that.
 Component = Any
 Components = tuple[Component, ...]
+
+
+class Namespace(Protocol):
+    """The functions of components that `math`, NumPy, Torch and tracing have in common; see `namespace_of`."""
+
+    def sin(self, x: Component, /) -> Component:
+        """Sine."""
+        ...
+
+    def cos(self, x: Component, /) -> Component:
+        """Cosine."""
+        ...
+
+    def sqrt(self, x: Component, /) -> Component:
+        """Square root."""
+        ...
+
+    def hypot(self, x: Component, y: Component, /) -> Component:
+        """sqrt(x^2 + y^2)."""
+        ...
+
+    def minimum(self, x: Component, y: Component, /) -> Component:
+        """The smaller one."""
+        ...
+
+    def maximum(self, x: Component, y: Component, /) -> Component:
+        """The larger one."""
+        ...
+
+    def where(self, condition: Component, x: Component, y: Component, /) -> Component:
+        """x where the condition holds, elsewhere y."""
+        ...
+
 
 _SCALAR = SimpleNamespace(
     sin=math.sin,

@@ -1,4 +1,4 @@
-"""The mechanisms as environments: how each is drawn, driven and seen."""
+"""The mechanisms as environments: how each is sampled, driven and seen."""
 
 from tensegrity_envs.core import Core
 from tensegrity_envs.environments.dual_triangle import DualTrianglePush, DualTriangleReach

@@ -2,13 +2,13 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.compiler.namespace import Component, Namespace
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
-from tensegrity_envs.tasks.weights import Weights
+from tensegrity_envs.tasks.weights import ReachWeights, TrackWeights, Weights
 
 _FULL_MARGIN = 0.2
 
@@ -56,8 +56,8 @@ class Task(ABC):
         """Steps in which a moving goal comes round; None for goals at rest."""
         return None
 
-    def check_termination(self, xp: Any, error: Component, state: State) -> State:
-        """The state with the failure that the task itself sees in it; being away from the goal is none."""
+    def check_termination(self, xp: Namespace, error: Component, state: State) -> State:
+        """The state with the failure that the task itself sees in it; a distance from the goal is none by default."""
         return state
 
     def metrics(self, state: State, episode: Episode) -> dict[str, Component]:
@@ -75,7 +75,7 @@ class Task(ABC):
         """Whether a step earns the success term of the reward: by default, whether it is within tolerance."""
         return error <= self.tolerance
 
-    def reward_terms(self, xp: Any, error: Component, state: State, episode: Episode) -> dict[str, Component]:
+    def reward_terms(self, xp: Namespace, error: Component, state: State, episode: Episode) -> dict[str, Component]:
         """The weighted terms of the reward by name, each from 0 to its weight; all zero where the episode fails.
 
         Nothing that is still to come is ever negative: an episode that ends early gives up everything that it could
@@ -95,7 +95,7 @@ class Task(ABC):
 
     @abstractmethod
     def dense_terms(
-        self, xp: Any, error: Component, state: State, episode: Episode, running: Component, success: Component
+        self, xp: Namespace, error: Component, state: State, episode: Episode, running: Component, success: Component
     ) -> dict[str, Component]:
         """The weighted terms of the dense reward, by the names of its weights.
 
@@ -108,11 +108,13 @@ class Task(ABC):
             success: 1 where the step earns the success term, else 0.
         """
 
-    def remoteness(self, xp: Any, error: Component) -> Component:
+    def remoteness(self, xp: Namespace, error: Component) -> Component:
         """1 + sqrt(error / tolerance): 1 at the goal, 2 at one tolerance from it, 11 at a hundred."""
         return 1.0 + xp.sqrt(error / self.tolerance)
 
-    def margin_terms(self, xp: Any, weights: Any, state: State, running: Component) -> dict[str, Component]:
+    def margin_terms(
+        self, xp: Namespace, weights: ReachWeights | TrackWeights, state: State, running: Component
+    ) -> dict[str, Component]:
         """The terms "stability" and "wrench", which rise with the margins, up to their weights at 0.2."""
         return {
             "stability": weights.stability * running * share_of(xp, state.stability_margin, _FULL_MARGIN),
@@ -120,6 +122,6 @@ class Task(ABC):
         }
 
 
-def share_of(xp: Any, margin: Component, full: Component) -> Component:
+def share_of(xp: Namespace, margin: Component, full: Component) -> Component:
     """How much of a full margin there is, from 0 to 1."""
     return xp.minimum(xp.maximum(margin / full, 0.0), 1.0)

@@ -1,9 +1,9 @@
 """Hold: keep the tip on a target while an unseen force grows, for as long as it can be done."""
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from tensegrity_envs.compiler.namespace import Component, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Namespace, namespace_of
 from tensegrity_envs.simulation.protocol import OFF_TARGET, RUNNING, Episode, State
 from tensegrity_envs.tasks.base import Task, share_of
 from tensegrity_envs.tasks.weights import HoldWeights
@@ -45,7 +45,7 @@ class Hold(Task):
         """Whether a force of at least the reference has been held."""
         return self.score(state, episode) >= 1
 
-    def check_termination(self, xp: Any, error: Component, state: State) -> State:
+    def check_termination(self, xp: Namespace, error: Component, state: State) -> State:
         """Being off target is a failure, unless the arm has failed otherwise."""
         physical = xp.where(state.failure == OFF_TARGET, RUNNING, state.failure)
         off = (error > self.tolerance) & (physical == RUNNING)
@@ -60,7 +60,7 @@ class Hold(Task):
         return self.is_success(error, state, episode)
 
     def dense_terms(
-        self, xp: Any, error: Component, state: State, episode: Episode, running: Component, success: Component
+        self, xp: Namespace, error: Component, state: State, episode: Episode, running: Component, success: Component
     ) -> dict[str, Component]:
         """See `Task.dense_terms` and `HoldWeights`."""
         w = self.weights

@@ -1,9 +1,8 @@
 """Posture: reach another configuration without meeting a singularity."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
-from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.compiler.namespace import Component, Namespace
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.tasks.base import Task
 from tensegrity_envs.tasks.weights import PostureWeights
@@ -15,7 +14,7 @@ class Posture(Task):
 
     Attributes:
         span: scale of the joint distance [rad].
-        margin: scale of the singularity margin: where it counts as far away [-].
+        margin: scale of the singularity margin: at which the term is full [-].
         weights: of the dense reward.
     """
 
@@ -24,7 +23,7 @@ class Posture(Task):
     weights: PostureWeights = field(default_factory=PostureWeights)
 
     def dense_terms(
-        self, xp: Any, error: Component, state: State, episode: Episode, running: Component, success: Component
+        self, xp: Namespace, error: Component, state: State, episode: Episode, running: Component, success: Component
     ) -> dict[str, Component]:
         """See `Task.dense_terms` and `PostureWeights`."""
         w = self.weights

@@ -1,9 +1,8 @@
 """Reach: bring the tip to a target and hold it there, staying stable and wrench-feasible."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
-from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace
 from tensegrity_envs.mechanics.detour import Disc, shortest_way
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.tasks.base import Task
@@ -26,7 +25,7 @@ class Reach(Task):
         """Whether the tip is within tolerance and the arm could rest there: a moving arm may be where it could not."""
         return super().is_success(error, state, episode) & (state.stability_margin > 0)
 
-    def distance_to(self, xp: Any, state: State, solution: Components) -> Component:
+    def distance_to(self, xp: Namespace, state: State, solution: Components) -> Component:
         """The distance of a state from a solution: the largest joint difference [rad]."""
         largest: Component = 0.0
         for angle, goal in zip(state.configuration, solution, strict=True):
@@ -38,7 +37,7 @@ class Reach(Task):
         return self.is_success(error, state, episode)
 
     def dense_terms(
-        self, xp: Any, error: Component, state: State, episode: Episode, running: Component, success: Component
+        self, xp: Namespace, error: Component, state: State, episode: Episode, running: Component, success: Component
     ) -> dict[str, Component]:
         """See `Task.dense_terms` and `ReachWeights`; without solutions of the episode there is no potential."""
         w = self.weights
@@ -66,6 +65,6 @@ class InputReach(Reach):
 
     obstacle: Disc
 
-    def distance_to(self, xp: Any, state: State, solution: Components) -> Component:
+    def distance_to(self, xp: Namespace, state: State, solution: Components) -> Component:
         """The length of the shortest path of the inputs."""
         return shortest_way(state.inputs, solution, self.obstacle)[0]

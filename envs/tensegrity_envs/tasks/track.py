@@ -1,9 +1,9 @@
 """Track: keep the tip on a goal that moves."""
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.compiler.namespace import Component, Namespace
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
 from tensegrity_envs.tasks.base import Task
 from tensegrity_envs.tasks.weights import TrackWeights
@@ -35,7 +35,7 @@ class Track(Task):
         """See `Task.goal_cycle`."""
         return self.cycle
 
-    def check_termination(self, xp: Any, error: Component, state: State) -> State:
+    def check_termination(self, xp: Namespace, error: Component, state: State) -> State:
         """The state with the largest error of the last cycle so far; 0 before it."""
         before = state.record[0] if state.record else 0.0
         counts = state.time >= self.cycle * (self.cycles - 1)
@@ -51,7 +51,7 @@ class Track(Task):
         return {"largest_error": state.record[0]}
 
     def dense_terms(
-        self, xp: Any, error: Component, state: State, episode: Episode, running: Component, success: Component
+        self, xp: Namespace, error: Component, state: State, episode: Episode, running: Component, success: Component
     ) -> dict[str, Component]:
         """See `Task.dense_terms` and `TrackWeights`."""
         w = self.weights

@@ -51,8 +51,8 @@ class ReachWeights(Weights):
             hundred.
         potential: 1 in the nearest feasible configuration that puts the tip on the target, falling linearly with the
             joint distance to it. The reachable set has a hole and two sheets, so that walking straight towards the
-            target runs into its boundary; this term knows the way round. It uses inverse solutions that the agent does
-            not see.
+            target runs into its boundary; this term knows the path round it. It uses inverse solutions that the agent
+            does not see.
         success: 1 while the tip is within tolerance.
         effort: 1 with all inputs at zero, 0 with every input at its scale (tensions: at their maximum).
         stability: rises with the stability margin, up to 1 at 0.2.
@@ -108,8 +108,8 @@ class PostureWeights(Weights):
     Attributes:
         distance: 1 at the goal, falling linearly with the joint distance.
         closeness: 1 / (1 + sqrt(joint distance / tolerance)).
-        potential: falls with the length of the way to the goal that keeps clear of singularities, from 1 to 0. The
-            straight way mostly meets one; this term knows the way round.
+        potential: falls with the length of the singularity-avoiding path to the goal, from 1 to 0. The straight path
+            mostly meets a singularity; this term knows the path round it.
         clearance: rises with the distance from the singularity.
         success: 1 while at the goal.
     """

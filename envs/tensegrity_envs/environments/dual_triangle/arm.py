@@ -76,7 +76,7 @@ class DualTriangleCore(Core):
         return arm_fields(self.nominal, self.reach, inputs, SEGMENTS, self.observe_all, self.observe_velocities)
 
     def _randomized(self, random: dict[str, np.ndarray]) -> DualTriangleDesign:
-        """The design with the stiffnesses that episodes have drawn."""
+        """The design with the stiffnesses sampled for the episodes."""
         factor = random.get("stiffness")
         if factor is None:
             return self.design

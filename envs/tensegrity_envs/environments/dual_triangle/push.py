@@ -68,9 +68,9 @@ class DualTrianglePush(DualTriangleCore):
         episodes = Episode(self.design, (0.0, 0.0), (self.load_rate, 0.0), (x, 0.0 * x))
         return Sampled(episodes, tuple(q), None)
 
-    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
-        """See `Core.placed`. The configuration must hold the target; a target alone draws its start."""
-        goal = drawn.episode.goal if target is None else tuple(to_single(component) for component in target)
+    def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
+        """See `Core.placed`. The configuration must hold the target; for a target alone a start is sampled."""
+        goal = sampled.episode.goal if target is None else tuple(to_single(component) for component in target)
         if configuration is not None and target is None:
             goal = tuple(to_single(component) for component in self.nominal.tip(configuration))
         low, high = self.sampler.targets
@@ -79,16 +79,16 @@ class DualTrianglePush(DualTriangleCore):
             raise ValueError(f"target ({x:.6g}, {y:.6g}): must be (x, 0) with x from {low:.6g} to {high:.6g} m")
         if configuration is not None:
             self._check_holds(configuration, goal)
-            return Sampled(drawn.episode._replace(goal=goal), configuration, None)
+            return Sampled(sampled.episode._replace(goal=goal), configuration, None)
         q = self.sampler.sample(EpisodeStream(np.zeros(1, np.int64), np.zeros(1, np.int64)), goal[0])
-        return Sampled(drawn.episode._replace(goal=goal), tuple(q), None)
+        return Sampled(sampled.episode._replace(goal=goal), tuple(q), None)
 
     def _check_holds(self, q: Components, goal: Components) -> None:
         """Refuse a posture that does not hold the target without a push, all limits kept."""
         tip = self.nominal.tip(q)
-        gap = float(np.hypot(tip[0] - goal[0], tip[1] - goal[1])[0])
-        if gap > self.task.tolerance:
-            raise ValueError(f"configuration: its tip is {gap:.3g} m off the target, more than the tolerance")
+        distance = float(np.hypot(tip[0] - goal[0], tip[1] - goal[1])[0])
+        if distance > self.task.tolerance:
+            raise ValueError(f"configuration: its tip is {distance:.3g} m off the target, more than the tolerance")
         lengths = self.nominal.free_lengths(self.nominal.control(q))
         low, high = self.simulation.bounds(self.nominal)
         fits = all(bool((low <= length).all() and (length <= high).all()) for length in lengths)

@@ -20,7 +20,7 @@ class DualTriangleReach(DualTriangleCore):
     """The dual-triangle reaching environments.
 
     Args:
-        load_range: if given, every episode draws an unknown tip force, of a size within this range (times the straight
+        load_range: if given, every episode has an unknown tip force, of a size within this range (times the straight
             arm's critical load) and in any direction.
         design: of the arm that controllers are told about, by default ZHAO2021_CAPTION; a mapping of some fields or
             the name of a published one will do, see `mechanics.designs.resolve_design`.
@@ -61,20 +61,20 @@ class DualTriangleReach(DualTriangleCore):
         goal = tuple(to_single(component) for component in self.nominal.tip(start.target_configuration))
         return Sampled(Episode(design, start.load, (), goal, random=random), start.configuration, start.inputs)
 
-    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
+    def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. The configuration is the unloaded arm's: its inputs are kept while the load is put on.
 
         A target is reachable where some stable posture under the load holds it; whether a path leads there is not
         checked.
         """
-        arm, load = DualTriangle(drawn.episode.design, SEGMENTS), drawn.episode.load
-        q, inputs = drawn.configuration, drawn.inputs
+        arm, load = DualTriangle(sampled.episode.design, SEGMENTS), sampled.episode.load
+        q, inputs = sampled.configuration, sampled.inputs
         if configuration is not None:
             q, inputs = self.sampler.start_at(arm, configuration, load)
-        goal = drawn.episode.goal if target is None else tuple(to_single(component) for component in target)
+        goal = sampled.episode.goal if target is None else tuple(to_single(component) for component in target)
         if target is not None:
             self.sampler.check_target(arm, goal, load)
-        return Sampled(drawn.episode._replace(goal=goal), q, inputs)
+        return Sampled(sampled.episode._replace(goal=goal), q, inputs)
 
     def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_with_goal`."""

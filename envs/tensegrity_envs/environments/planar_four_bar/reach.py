@@ -37,18 +37,18 @@ from tensegrity_envs.tasks import InputReach, ReachWeights
 
 # A bar of 2 kg and 10 m swings once in a second or two, so that a step takes 0.1 s.
 DYNAMICS = Dynamics(joint_damping=50.0, servo_time=0.004, timestep=0.004, frame_skip=25)
-# Ways lead round actuator lengths with a smaller stability margin.
-_ROUND = 0.1
-_ROUND_LOADED = 0.2
+# Paths lead round actuator lengths with a smaller stability margin.
+_MARGIN = 0.1
+_MARGIN_LOADED = 0.2
 
 
 class PlanarFourBarReach(Core):
     """The planar 4-bar reaching environments.
 
-    On which side of the line CD an episode begins is drawn, and told as info["random_side"], 1 or -1.
+    The side of the line CD on which an episode begins is sampled; info["random_side"] is 1 or -1.
 
     Args:
-        load_range: if given, every episode draws an unknown constant force on F, of a size within this range (times
+        load_range: if given, every episode has an unknown constant force on F, of a size within this range (times
             K L) and in any direction.
         design: of the mechanism that controllers are told about, by default JI2014; a mapping of some fields or the
             name of a published one will do, see `mechanics.designs.resolve_design`.
@@ -94,7 +94,7 @@ class PlanarFourBarReach(Core):
         self.task = InputReach(
             input_scale=2 * float(self.design.length),
             joint_span=2.5 * float(self.design.length),
-            obstacle=around_meeting(self.nominal, _ROUND if load_range is None else _ROUND_LOADED),
+            obstacle=around_meeting(self.nominal, _MARGIN if load_range is None else _MARGIN_LOADED),
             **options.scoring(ReachWeights(effort=0.0), 0.05, self.design.length / self.published.length),
         )
         self.sampler = Sampler(self.nominal, control, load_range)
@@ -116,20 +116,20 @@ class PlanarFourBarReach(Core):
         start = self.sampler.sample(seed, episode)
         goal = tuple(to_single(component) for component in start.target)
         solutions = self._solutions(goal, start.side)
-        drawn = random | {"side": start.side}
-        episodes = Episode(self._randomized(random), start.load, (), goal, solutions, drawn)
+        random |= {"side": start.side}
+        episodes = Episode(self._randomized(random), start.load, (), goal, solutions, random)
         return Sampled(episodes, start.configuration, start.lengths)
 
-    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
+    def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. A configuration follows from the lengths: it cannot be chosen."""
         if configuration is not None:
             raise ValueError("'configuration' cannot be chosen in this environment: it follows from actuator lengths")
         assert target is not None
         goal = tuple(to_single(component) for component in target)
         x, y = (float(component[0]) for component in goal)
-        side = drawn.episode.random["side"]
-        load = tuple(float(force[0]) for force in drawn.episode.load)
-        mechanism = PlanarFourBar(take(drawn.episode.design, 0))
+        side = sampled.episode.random["side"]
+        load = tuple(float(force[0]) for force in sampled.episode.load)
+        mechanism = PlanarFourBar(take(sampled.episode.design, 0))
         low, high = self.simulation.bounds(self.nominal)
         fits = [
             found
@@ -142,7 +142,9 @@ class PlanarFourBarReach(Core):
                 f"lengths from {float(low):.6g} to {float(high):.6g} m"
             )
         return Sampled(
-            drawn.episode._replace(goal=goal, solutions=self._solutions(goal, side)), drawn.configuration, drawn.inputs
+            sampled.episode._replace(goal=goal, solutions=self._solutions(goal, side)),
+            sampled.configuration,
+            sampled.inputs,
         )
 
     def _solutions(self, goal: Components, side: np.ndarray) -> tuple[Components, ...]:
@@ -159,7 +161,7 @@ class PlanarFourBarReach(Core):
         return tuple((found[0, k], found[1, k]) for k in range(4))
 
     def _randomized(self, random: dict[str, np.ndarray]) -> PlanarFourBarDesign:
-        """The design with the stiffnesses that episodes have drawn; unloaded rectangles do not depend on them."""
+        """The design with the stiffnesses sampled for the episodes; unloaded rectangles do not depend on them."""
         factor = random.get("stiffness")
         return self.design if factor is None else replace(self.design, stiffness=self.design.stiffness * factor)
 
@@ -196,9 +198,9 @@ class PlanarFourBarReach(Core):
         load = tuple(np.asarray(info["load"], float).T)
         return Episode(self._randomized(random), load, (), goal, self._solutions(goal, random["side"]))
 
-    def places(self, drawn: Sampled) -> Iterable[Any]:
+    def places(self, sampled: Sampled) -> Iterable[Any]:
         """See `Core.places`."""
-        return list(self.nominal.nodes(drawn.configuration, drawn.inputs).values())
+        return list(self.nominal.nodes(sampled.configuration, sampled.inputs).values())
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""

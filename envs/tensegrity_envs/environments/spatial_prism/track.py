@@ -105,20 +105,20 @@ class SpatialPrismTrack(Core):
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """See `Core.sample`."""
         random = self.randomization.sample(seed, episode)
-        drawn = self.sampler.sample(seed, episode)
+        sampled = self.sampler.sample(seed, episode)
         load: Components = ()
         if self.hidden_info_keys:
-            none = 0.0 * drawn.payload
-            load = (none, none, -GRAVITY * drawn.payload)
-        onset = drawn.onset if self.hidden_info_keys else None
+            none = 0.0 * sampled.payload
+            load = (none, none, -GRAVITY * sampled.payload)
+        onset = sampled.onset if self.hidden_info_keys else None
         episodes = Episode(
             self._randomized(random),
             load,
             (),
-            drawn.curve.mean,
+            sampled.curve.mean,
             random=random,
             onset=onset,
-            motion=drawn.curve.motion,
+            motion=sampled.curve.motion,
             cycle=self.cycle,
         )
         position = episodes.goal_at(np.zeros(len(seed)))
@@ -126,7 +126,7 @@ class SpatialPrismTrack(Core):
         return Sampled(episodes, (*position, still, still, still), self.nominal.inverse_kinematics(position))
 
     def _randomized(self, random: dict[str, np.ndarray]) -> SpatialPrismDesign:
-        """The design with the stiffnesses that episodes have drawn; unloaded poses do not depend on them."""
+        """The design with the stiffnesses sampled for the episodes; unloaded poses do not depend on them."""
         factor = random.get("stiffness")
         return self.design if factor is None else replace(self.design, k=self.design.k * factor)
 

@@ -1,4 +1,4 @@
-"""Changing the posture of the plain 2-X without meeting a singularity."""
+"""The plain 2-X changes its posture without meeting a singularity."""
 
 import math
 from collections.abc import Mapping
@@ -7,18 +7,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace, to_single
 from tensegrity_envs.core import Core, Sampled
-from tensegrity_envs.environments.two_x.detours import detours_of
+from tensegrity_envs.environments.two_x.actuation import FULL_TURN, JointPaths
+from tensegrity_envs.environments.two_x.path_table import path_table_of
 from tensegrity_envs.environments.two_x.regions import TwoXRegions
 from tensegrity_envs.mechanics.two_x import FURET2018, TwoX, TwoXDesign
 from tensegrity_envs.observation import Field, SineAndCosine, Softsign, tip_field
 from tensegrity_envs.options import QUASI_STATIC, Options
 from tensegrity_envs.seeding import EpisodeStream
-from tensegrity_envs.simulation.protocol import RUNNING, SINGULAR, Episode, State
+from tensegrity_envs.simulation.protocol import RUNNING, Episode, State
 from tensegrity_envs.tasks import Posture, PostureWeights
 
-_FULL_TURN = 4 * math.pi  # of alpha: theta = alpha / 2 runs once around
 _GRID = 400  # nodes along each angle, for telling aspects apart
 _FROM_SINGULAR = 5.0  # times the smallest |det J|: starts and goals are at least that far away
 _MAX_ATTEMPTS = 400
@@ -28,62 +28,8 @@ _MAX_ATTEMPTS = 400
 def _aspects_of(design: TwoXDesign) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray]:
     from tensegrity_envs.mechanics.singularity import aspects  # slow to import, and only needed here
 
-    found = aspects(TwoX(design), 2 * math.pi, _FULL_TURN, _GRID)
+    found = aspects(TwoX(design), 2 * math.pi, FULL_TURN, _GRID)
     return found.labels, found.axes, np.array(found.signs)
-
-
-class JointPaths:
-    """Actions are increments of theta = alpha / 2 on the torus; there are no cables and no springs.
-
-    A step that comes too close to det J = 0 anywhere on its way is a failure, and the arm stays where it was.
-    """
-
-    action_size = 2
-    rate = 0.1
-    rate_unit = "rad"
-    looks = 8  # along each step
-
-    def __init__(self, smallest: float) -> None:
-        self.smallest = smallest
-
-    def start(self, mechanism: TwoX, episode: Episode, q: Components, inputs: Components | None = None) -> State:
-        """The state of an arm in configuration q."""
-        return self._at(mechanism, q, self.height(mechanism, q), 0.0 * q[0])
-
-    def height(self, mechanism: TwoX, q: Components) -> Component:
-        """Det J with respect to theta, divided by L^2."""
-        return 4 * mechanism.singularity(q) / mechanism.design.l**2
-
-    def _at(self, mechanism: TwoX, q: Components, height: Component, time: Component) -> State:
-        return State(q, (), mechanism.tip(q), abs(height) - self.smallest, 1.0 + 0.0 * height, RUNNING, time)
-
-    def advance(self, mechanism: TwoX, episode: Episode, state: State, action: Components) -> State:
-        """The state one step later."""
-        xp = namespace_of(*state.configuration)
-        old = state.configuration
-        step = tuple(2 * self.rate * a for a in action)
-        before = self.height(mechanism, old)
-        lowest: Component = None
-        for k in range(1, self.looks + 1):
-            here = tuple(o + s * (k / self.looks) for o, s in zip(old, step, strict=True))
-            # Negative once the sign has changed
-            height = self.height(mechanism, here) * xp.where(before > 0, 1.0, -1.0)
-            lowest = height if lowest is None else xp.minimum(lowest, height)
-        new = tuple(_wrapped(xp, o + s) for o, s in zip(old, step, strict=True))
-        reached = self._at(mechanism, new, lowest, state.time + 1)
-        failed = lowest < self.smallest
-        clearance = xp.minimum(reached.stability_margin, lowest - self.smallest)
-        q = tuple(xp.where(failed, o, n) for o, n in zip(old, new, strict=True))
-        tip = tuple(xp.where(failed, o, n) for o, n in zip(state.tip, reached.tip, strict=True))
-        return reached._replace(
-            configuration=q, tip=tip, stability_margin=clearance, failure=xp.where(failed, SINGULAR, RUNNING)
-        )
-
-
-def _wrapped(xp: Any, alpha: Component) -> Component:
-    """Into (-2 pi, 2 pi], for angles at most one turn beyond."""
-    alpha = xp.where(alpha > _FULL_TURN / 2, alpha - _FULL_TURN, alpha)
-    return xp.where(alpha <= -_FULL_TURN / 2, alpha + _FULL_TURN, alpha)
 
 
 class TwoXPostureChange(TwoXRegions, Core):
@@ -174,8 +120,8 @@ class TwoXPostureChange(TwoXRegions, Core):
             flat = (np.where(known, table[0], 0.0), np.where(known, table[1], 0.0))
             other = known & (self._aspect(flat) == aspect[:, None])
             other &= np.abs(self.simulation.height(self.nominal, flat)) >= floor
-            gap = np.maximum(*(np.abs(self._turn(t - a[:, None])) for t, a in zip(flat, q, strict=True)))
-            other &= gap > 10 * self.task.tolerance
+            distance = np.maximum(*(np.abs(self._turn(t - a[:, None])) for t, a in zip(flat, q, strict=True)))
+            other &= distance > 10 * self.task.tolerance
             count = other.sum(axis=1)
             good = fine & (count > 0)
             rank = np.floor(choice * count).astype(int)
@@ -187,14 +133,14 @@ class TwoXPostureChange(TwoXRegions, Core):
             if not len(pending):
                 break
         else:
-            raise RuntimeError(f"no pair of postures found for {self.design} in {_MAX_ATTEMPTS} draws")
+            raise RuntimeError(f"no pair of postures found for {self.design} in {_MAX_ATTEMPTS} attempts")
         target = tuple(to_single(alpha / 2) for alpha in goal)
         return Sampled(Episode(self.design, (0.0, 0.0), (), target), tuple(start), None)
 
-    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
+    def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. The target is a configuration, as (theta_1, theta_2)."""
-        start = drawn.configuration if configuration is None else configuration
-        goal = drawn.episode.goal if target is None else tuple(to_single(theta) for theta in target)
+        start = sampled.configuration if configuration is None else configuration
+        goal = sampled.episode.goal if target is None else tuple(to_single(theta) for theta in target)
         aspects = []
         for name, q in (("configuration", start), ("target", tuple(2 * theta for theta in goal))):
             turned = tuple(self._turn(alpha) for alpha in q)
@@ -206,7 +152,7 @@ class TwoXPostureChange(TwoXRegions, Core):
                 )
         if aspects[0] != aspects[1]:
             raise ValueError("target: in another aspect than the start, behind a singularity")
-        return Sampled(drawn.episode._replace(goal=goal), tuple(self._turn(alpha) for alpha in start), None)
+        return Sampled(sampled.episode._replace(goal=goal), tuple(self._turn(alpha) for alpha in start), None)
 
     def postprocess(self, episodes: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
         """Add the potential, which is read from a table, to the dense reward."""
@@ -218,16 +164,16 @@ class TwoXPostureChange(TwoXRegions, Core):
                 for matrix, place in ((outcomes, rows.achieved), (episodes, self.episodes.rows.goal))
             )
             running = outcomes[rows.state.failure] == RUNNING
-            share = detours_of(self.design).shares(q, goal)
+            share = path_table_of(self.design).shares(q, goal)
             term = self.task.weights.potential * np.where(running, 1 - share, 0.0)
             outcomes[rows.info["reward_potential"]] = term
             outcomes[rows.reward] = to_single(outcomes[rows.reward] + term)
         return outcomes
 
     @staticmethod
-    def _turn(alpha: Any) -> Any:
+    def _turn(alpha: Component) -> Component:
         """The same difference of alphas in [-2 pi, 2 pi)."""
-        return (alpha + _FULL_TURN / 2) % _FULL_TURN - _FULL_TURN / 2
+        return (alpha + FULL_TURN / 2) % FULL_TURN - FULL_TURN / 2
 
     def achieved(self, state: State) -> Components:
         """The configuration, as (theta_1, theta_2) [rad]."""
@@ -238,10 +184,10 @@ class TwoXPostureChange(TwoXRegions, Core):
         q = tuple(2 * theta for theta in achieved)
         return state._replace(configuration=q, tip=self.nominal.tip(q))
 
-    def error(self, xp: Any, achieved: Components, goal: Components) -> Component:
+    def error(self, xp: Namespace, achieved: Components, goal: Components) -> Component:
         """The larger of the angles between the thetas [rad]."""
-        gaps = [abs(a - g) for a, g in zip(achieved, goal, strict=True)]
-        return xp.maximum(*(xp.minimum(gap, 2 * math.pi - gap) for gap in gaps))
+        angles = [abs(a - g) for a, g in zip(achieved, goal, strict=True)]
+        return xp.maximum(*(xp.minimum(angle, 2 * math.pi - angle) for angle in angles))
 
     def observed(self) -> list[Field]:
         """See `Core.observed`."""
@@ -259,7 +205,7 @@ class TwoXPostureChange(TwoXRegions, Core):
         return Episode(self.design, (0.0, 0.0), (), goal)
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
-        """The arm without springs and cables, the posture to be reached and its tip, and the way to the singularity."""
+        """The arm without springs and cables, the goal posture and its tip, and the distance to the singularity."""
         arm = self.mechanism(episode.design)
         goal = tuple(2 * theta for theta in episode.goal)
         return {

@@ -31,7 +31,7 @@ class TwoXReach(TwoXRegions, Core):
 
     Args:
         control: "joint" (two increments of at most 0.1 rad) or "tension" (four of at most 15 N).
-        payload_range: if given, every episode draws an unknown payload from it [kg], uniformly; it may be given in
+        payload_range: if given, every episode has an unknown payload from it [kg], uniformly; it may be given in
             `randomization` instead.
         design: of the arm that controllers are told about, by default MURALIDHARAN2022; a mapping of some fields or
             the name of a published one will do, see `mechanics.designs.resolve_design`. Joint limits beyond 2.6 rad
@@ -101,23 +101,23 @@ class TwoXReach(TwoXRegions, Core):
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """See `Core.sample`."""
         random = self.randomization.sample(seed, episode)
-        drawn = self.sampler.sample(seed, episode, self._randomized(random))
-        x, y = (to_single(component) for component in drawn.mechanism.tip(drawn.target_configuration))
+        sampled = self.sampler.sample(seed, episode, self._randomized(random))
+        x, y = (to_single(component) for component in sampled.mechanism.tip(sampled.target_configuration))
         solutions: tuple[Components, ...] = ()
         if self.task.reward_type == "dense":
-            solutions = feasible_solutions(drawn.mechanism, x, y, drawn.target_configuration)
+            solutions = feasible_solutions(sampled.mechanism, x, y, sampled.target_configuration)
         return Sampled(
-            Episode(drawn.mechanism.design, (0.0, 0.0), (), (x, y), solutions, random),
-            drawn.configuration,
-            drawn.tensions,
+            Episode(sampled.mechanism.design, (0.0, 0.0), (), (x, y), solutions, random),
+            sampled.configuration,
+            sampled.tensions,
         )
 
-    def placed(self, drawn: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
+    def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. With a hidden payload the configuration is the nominal arm's, under no payload."""
-        mechanism, q, tensions = TwoX(drawn.episode.design), drawn.configuration, drawn.inputs
+        mechanism, q, tensions = TwoX(sampled.episode.design), sampled.configuration, sampled.inputs
         if configuration is not None:
             q, tensions = self.sampler.start_at(mechanism, configuration, tensions is not None)
-        x, y = drawn.episode.goal if target is None else (to_single(component) for component in target)
+        x, y = sampled.episode.goal if target is None else (to_single(component) for component in target)
         found = feasible_solutions(mechanism, x, y)
         reachable = self.sampler.in_reach(mechanism, q, found)
         if not reachable.any():
@@ -126,10 +126,10 @@ class TwoXReach(TwoXRegions, Core):
                 raise ValueError(f"{where}: no stable, wrench-feasible configuration puts the tip there")
             raise ValueError(f"{where}: in another piece of the stable wrench-feasible set than the start, {q}")
         solutions = found if self.task.reward_type == "dense" else ()
-        return Sampled(drawn.episode._replace(goal=(x, y), solutions=solutions), q, tensions)
+        return Sampled(sampled.episode._replace(goal=(x, y), solutions=solutions), q, tensions)
 
     def _randomized(self, random: dict[str, np.ndarray]) -> TwoXDesign:
-        """The design with the stiffnesses and masses that episodes have drawn."""
+        """The design with the stiffnesses and masses sampled for the episodes."""
         design = self.design
         if "stiffness" in random:
             design = replace(design, k1=design.k1 * random["stiffness"], k2=design.k2 * random["stiffness"])

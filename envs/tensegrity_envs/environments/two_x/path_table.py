@@ -1,4 +1,4 @@
-"""Lengths of ways between configurations of the plain 2-X that keep clear of singularities, from a table."""
+"""Lengths of the singularity-avoiding paths between configurations of the plain 2-X, from a table."""
 
 from functools import cache
 
@@ -13,8 +13,8 @@ _LOOKS = 5  # along each edge
 _FULL_TURN = 4 * np.pi
 
 
-class Detours:
-    """Shortest ways on a grid of the torus, a step being the longer, the closer to a singularity it is.
+class PathTable:
+    """Lengths of the shortest paths on a grid of the torus; a step counts more, the closer to a singularity it is.
 
     Args:
         design: without offsets.
@@ -49,9 +49,9 @@ class Detours:
         self._lengths = np.minimum(lengths, 1.2 * self.longest).astype(np.float32)
 
     def shares(self, q: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Length of the way from q to the goal, each of shape (2, n) [rad], as a share of the longest, at most 1.
+        """The length of the path from q to the goal, each of shape (2, n) [rad], as a share of the longest, at most 1.
 
-        Interpolated between the nodes around q; corners from which no way is seen say nothing.
+        It is interpolated between the nodes around q; corners without a path are left out.
         """
         out = np.empty(q.shape[1])
         given = (np.ascontiguousarray(v, float) for v in (q, goal))
@@ -78,6 +78,6 @@ def _shares(lengths: Table, scales: Vector, q: Matrix, goal: Matrix, out: Vector
 
 
 @cache
-def detours_of(design: TwoXDesign) -> Detours:
+def path_table_of(design: TwoXDesign) -> PathTable:
     """The table of a design, made once."""
-    return Detours(design)
+    return PathTable(design)
