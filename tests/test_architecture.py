@@ -37,6 +37,7 @@ AGENTS = ROOT / "agents" / "tensegrity_agents"
 AGENT_LAYERS = [
     "interrupt",
     "yaml_file",
+    "own_modules",
     "env_options",
     "controllers",
     "config",

@@ -221,7 +221,8 @@ def find_experiment(config: Path | None, env: str | None, folder: Path = Path("c
         except ConfigError as error:
             unreadable.append(str(error))
             continue
-        found.setdefault(given if given.startswith("tensegrity/") else f"tensegrity/{given}", path)
+        bare = given.rpartition(":")[2]
+        found.setdefault(bare if "/" in bare else f"tensegrity/{bare}", path)
     if wanted not in found:
         there = ", ".join(found) or "nothing"
         notes = "".join(f"\n  {note}" for note in unreadable)

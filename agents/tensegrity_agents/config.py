@@ -20,6 +20,7 @@ import tensegrity_envs
 from tensegrity_agents import env_options
 from tensegrity_agents.controllers import baselines_of, teachers_of
 from tensegrity_agents.controllers.model_features import ModelFeatures
+from tensegrity_agents.own_modules import own_module
 from tensegrity_agents.yaml_file import ConfigError, read_yaml
 
 __all__ = ["ConfigError", "Experiment", "TrainConfig", "known_env", "load_experiment"]
@@ -249,16 +250,33 @@ class Experiment(_Strict):
 
 
 def known_env(name: str) -> str:
-    """The full id of an environment of this package, given with or without "tensegrity/".
+    """The full id of an environment.
+
+    Args:
+        name: an id of this package, with or without "tensegrity/", or one of your own as "module:id", as Gymnasium has
+            it: the module is imported, from the path or the working directory, and registers it.
 
     Raises:
         ConfigError: there is none of this name.
     """
+    module, _, own = name.rpartition(":")
+    if module:
+        try:
+            own_module(module)
+        except ImportError as error:
+            raise ConfigError(f"environment {name!r}: {error}") from error
+    if own in gym.registry and "arm" in gym.spec(own).kwargs:
+        return own
+    if module and own in gym.registry:
+        raise ConfigError(f"environment {name!r}: it is not made of a Core (see CONTRIBUTING.md)")
+    if module:
+        raise ConfigError(f"environment {name!r}: {module} registers no {own!r}")
     full = name if name.startswith("tensegrity/") else f"tensegrity/{name}"
     if full not in tensegrity_envs.ENV_IDS:
         close = get_close_matches(full, tensegrity_envs.ENV_IDS, 1)
         hint = f" (did you mean {close[0]}?)" if close else ""
-        raise ConfigError(f"no environment {name!r}{hint}; there are {', '.join(tensegrity_envs.ENV_IDS)}")
+        known = ", ".join(tensegrity_envs.ENV_IDS)
+        raise ConfigError(f"no environment {name!r}{hint}; there are {known}, or your own as 'module:id'")
     return full
 
 

@@ -151,6 +151,11 @@ def canonical(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
+def short_name(env_id: str) -> str:
+    """An id without its namespace."""
+    return env_id.rpartition("/")[2]
+
+
 def results_name(env_id: str, options: Mapping[str, Any]) -> str:
     """Name of the folder for results: that of the environment, and a short hash where options differ from its own.
 
@@ -158,7 +163,7 @@ def results_name(env_id: str, options: Mapping[str, Any]) -> str:
         env_id: Gymnasium id.
         options: see `canonical`, which is applied.
     """
-    name = env_id.split("/")[1]
+    name = short_name(env_id)
     if found := canonical(env_id, options):
         name += "-" + hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()[:8]
     return name

@@ -1,10 +1,7 @@
 """Controllers: whatever has `predict(observation, state, episode_start, deterministic)`, by name."""
 
-import importlib
-import sys
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -15,9 +12,10 @@ from tensegrity_agents.controllers.planar_four_bar.dynamic import DampedFeedback
 from tensegrity_agents.controllers.random import RandomController
 from tensegrity_agents.controllers.spatial_prism.dynamic import CurveTracking, TrackingFeedback
 from tensegrity_agents.controllers.two_x import posture
+from tensegrity_agents.own_modules import own_module
 from tensegrity_envs.core import Core
 
-__all__ = ["BASELINES", "DYNAMIC", "baselines_of", "make_controller", "teachers_of"]
+__all__ = ["BASELINES", "DYNAMIC", "baselines_of", "make_controller", "register_baselines", "teachers_of"]
 
 # By the name of the environment's arm (tensegrity_envs.environments), then by their own: how to make each for a core.
 BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
@@ -90,6 +88,9 @@ DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
 }
 
 
+# Those that are registered for one id, by that id.
+_OWN: dict[str, dict[str, Callable[[Core], Any]]] = {}
+
 # Those that only teach agents (sb3.teacher_student), beside the baselines, by the name of the arm.
 TEACHERS: dict[str, dict[str, Callable[[Core], Any]]] = {"TwoXReach": {"careful_oracle": two_x.CarefulOracle}}
 
@@ -106,7 +107,27 @@ def baselines_of(env_id: str) -> dict[str, Callable[[Core], Any]]:
     """The baselines of an environment by name, the strongest last but for the random one."""
     kwargs = gym.spec(env_id).kwargs
     table = DYNAMIC if kwargs.get("backend", "quasi_static") == "mujoco" else BASELINES
-    return table.get(kwargs["arm"], {}) | {"random": RandomController}
+    found = _OWN.get(env_id) or table.get(kwargs["arm"], {})
+    return found | {"random": RandomController}
+
+
+def register_baselines(env_id: str, baselines: Mapping[str, Callable[[Core], Any]]) -> None:
+    """Add baselines of an environment, most often of your own: `compare` and `evaluate` then list them by name.
+
+    Call it where the environment is registered, so that "module:id" as the name of the environment brings both.
+
+    Args:
+        env_id: Gymnasium id.
+        baselines: what makes each of them for the core of the environment, such as a subclass of
+            `controllers.base.AnalyticController`, by name, the strongest last.
+
+    Raises:
+        ValueError: a name that is empty, "random", or has a colon, as classes given as "module:Class" have.
+    """
+    for name in baselines:
+        if not name or name == "random" or ":" in name:
+            raise ValueError(f"baseline {name!r} of {env_id}: must be a name without a colon, other than 'random'")
+    _OWN[env_id] = {name: make for name, make in baselines_of(env_id).items() if name != "random"} | dict(baselines)
 
 
 def make_controller(name: str, env_id: str, options: Mapping[str, Any] | None = None) -> Any:
@@ -128,15 +149,10 @@ def make_controller(name: str, env_id: str, options: Mapping[str, Any] | None = 
     if ":" not in name:
         raise ValueError(f"controller {name!r}: there are {', '.join(baselines)}, or your own class as 'module:Class'")
     module_name, _, class_name = name.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.insert(0, here)
     try:
-        module = importlib.import_module(module_name)
-    except Exception as error:  # whatever the module does while it is imported
-        raise ValueError(
-            f"controller {name!r}: module {module_name!r} cannot be imported ({type(error).__name__}: {error})"
-        ) from error
+        module = own_module(module_name)
+    except ImportError as error:
+        raise ValueError(f"controller {name!r}: {error}") from error
     made = getattr(module, class_name, None)
     if not callable(made):
         classes = [key for key, value in vars(module).items() if isinstance(value, type)]

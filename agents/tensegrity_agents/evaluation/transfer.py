@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
+from tensegrity_agents.env_options import short_name
 from tensegrity_agents.evaluation.results import Progress, Run, kind_of
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_envs.seeding import TEST_SEED
@@ -65,7 +66,7 @@ def transfer(
         for where in pair:
             runs[where] = []
             for seed, controller in enumerate(candidate.controllers):
-                what = f"{candidate.name} of {candidate.home.split('/')[1]} on {where.split('/')[1]}"
+                what = f"{candidate.name} of {short_name(candidate.home)} on {short_name(where)}"
 
                 def report(done: int, total: int, what: str = what) -> None:
                     if progress is not None:

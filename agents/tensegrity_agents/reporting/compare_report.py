@@ -9,6 +9,7 @@ import numpy as np
 
 import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.config import Experiment
+from tensegrity_agents.env_options import short_name
 from tensegrity_agents.evaluation.results import Comparison, Progress
 from tensegrity_agents.evaluation.rollout import begin_episodes
 from tensegrity_agents.reporting import figures, path_figures, style, table, video
@@ -61,7 +62,7 @@ def write_comparison(
     made: dict[str, Path] = {}
 
     def keep(name: str, figure: Any) -> None:
-        made[name] = style.save(figure, pictures / name, f"{experiment.env.split('/')[1]}: {_TITLES[name]}")
+        made[name] = style.save(figure, pictures / name, f"{short_name(experiment.env)}: {_TITLES[name]}")
         drawn(name)
 
     keep("success", figures.success_bars(rows))
@@ -100,7 +101,7 @@ def write_comparison(
     command = "python " + " ".join(sys.argv)
     report = write_report(
         folder,
-        title=f"{experiment.env.split('/')[1]}: {agent} against the analytic controllers",
+        title=f"{short_name(experiment.env)}: {agent} against the analytic controllers",
         env_id=experiment.env,
         rows=rows,
         runs=runs,

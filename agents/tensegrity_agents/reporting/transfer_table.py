@@ -4,6 +4,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from tensegrity_agents.env_options import short_name
 from tensegrity_agents.evaluation.transfer import Transferred
 from tensegrity_agents.reporting.table import error_text, success_text, summary_rows
 
@@ -26,9 +27,7 @@ def _lines(results: list[Transferred], pair: tuple[str, str]) -> list[list[str]]
 
 def print_transfer(results: list[Transferred], pair: tuple[str, str], console: Console) -> None:
     """Print the table; errors are the median distance from the target at the end."""
-    table = Table(
-        box=box.SIMPLE_HEAD, title=f"{pair[0].split('/')[1]} (at rest) and {pair[1].split('/')[1]} (in motion)"
-    )
+    table = Table(box=box.SIMPLE_HEAD, title=f"{short_name(pair[0])} (at rest) and {short_name(pair[1])} (in motion)")
     for i, name in enumerate(_HEADER):
         table.add_column(name, justify="left" if i < 2 else "right")
     for cells in _lines(results, pair):
