@@ -16,7 +16,7 @@ from tensegrity_envs.compiler.namespace import Component, Components, as_compone
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.checks import check_finite, check_single
 from tensegrity_envs.mechanics.dual_triangle.eigenvalues import smallest_eigenvalue
-from tensegrity_envs.mechanics.n_x import inverse, programmes, redundancy, statics, tensions
+from tensegrity_envs.mechanics.n_x import buckling, inverse, programmes, redundancy, statics, tensions, wrenches
 from tensegrity_envs.mechanics.n_x.chain import NO_LOAD, Chain, symmetric
 from tensegrity_envs.mechanics.n_x.joint import Joint
 from tensegrity_envs.mechanics.n_x.routing import FROM_BASE, PER_JOINT
@@ -137,6 +137,70 @@ class NX(Chain, TipStiffness):
         for alpha in q[1:]:
             inside = inside & (abs(alpha) <= limit)
         return inside
+
+    def torque_zonotope(self, q: Sequence[float]) -> wrenches.Zonotope:
+        """The joint torques that tensions within their bounds give at q, exactly."""
+        check_single(self._probe, "torque_zonotope")
+        check_finite("q", q, self.degrees_of_freedom)
+        low, high = float(self.design.min_tension), float(self.design.max_tension)
+        return wrenches.torque_zonotope(np.array(self.torque_matrix(tuple(map(float, q)))), low, high)
+
+    def tip_forces(self, q: Sequence[float]) -> np.ndarray:
+        """The dead forces at the tip under which tensions within their bounds hold q, exactly.
+
+        Returns:
+            Vertices of the polygon (fx, fy) [N], counter-clockwise, shape (k, 2); none where no force is feasible.
+
+        Raises:
+            ValueError: the set is not bounded (one joint, or a singular posture), or the mechanism is a batch.
+        """
+        zonotope, here = self.torque_zonotope(q), tuple(map(float, q))
+        return wrenches.tip_force_polygon(
+            zonotope, np.array(self.passive_gradient(here)), np.array(self.jacobian(here))
+        )
+
+    def critical_load(self, q: Sequence[float], direction: Sequence[float]) -> buckling.CriticalLoad:
+        """The largest tip force in a direction under which q is in the stable wrench-feasible joint space.
+
+        The stiffest tensions follow the load, so that q stays in equilibrium.
+
+        Raises:
+            ValueError: a number is not finite, the direction is zero, or the mechanism is a batch of designs.
+        """
+        check_single(self._probe, "critical_load")
+        check_finite("q", q, self.degrees_of_freedom)
+        return buckling.critical_load(self, tuple(map(float, q)), _unit(direction))
+
+    def buckling_load(
+        self,
+        tensions: Sequence[float],
+        direction: Sequence[float],
+        start: Sequence[float] | None = None,
+        largest: float | None = None,
+    ) -> buckling.CriticalLoad:
+        """The tip force in a direction at which the arm loses its stability at constant tensions, growing from zero.
+
+        The equilibrium that the arm reaches from `start` is followed while the force grows. An upright symmetric arm
+        under a vertical force stays upright, up to its buckling load.
+
+        Args:
+            tensions: one for each cable [N].
+            direction: (x, y), of any length but zero.
+            start: n angles [rad]; zero by default.
+            largest: force up to which to look [N]; 100 times max_tension by default.
+
+        Raises:
+            ValueError: a number is not finite, the direction is zero, there is no stable equilibrium without the force,
+                or the mechanism is a batch of designs.
+        """
+        check_single(self._probe, "buckling_load")
+        begin = (0.0,) * self.degrees_of_freedom if start is None else tuple(map(float, start))
+        rest = self.equilibrium(tensions, begin)
+        if not rest.is_stable:
+            raise ValueError(f"tensions = {tensions!r}: no stable equilibrium without the force: {rest.reason}")
+        end = 100 * float(self.design.max_tension) if largest is None else float(largest)
+        pull = tuple(map(float, tensions))
+        return buckling.buckling_load(self, pull, _unit(direction), rest.configuration, end)
 
     def _softest_and_stiffest(
         self, q: Sequence[Component], load: Sequence[Component], direction: Sequence[Component] | None
@@ -291,6 +355,19 @@ class NX(Chain, TipStiffness):
         px, py = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
         places = np.stack([np.broadcast_to(np.asarray(angle, float), px.shape) for angle in begin])
         return redundancy.optima(self, px, py, places, objective, tuple(load))
+
+
+def _unit(direction: Sequence[float]) -> tuple[float, float]:
+    """The direction with length 1.
+
+    Raises:
+        ValueError: it is zero, or not two finite numbers.
+    """
+    check_finite("direction", direction, 2)
+    length = math.hypot(*direction)
+    if length == 0:
+        raise ValueError(f"direction = {direction!r}: must not be zero")
+    return direction[0] / length, direction[1] / length
 
 
 def _statics(q: Components, parameters: Any) -> tuple[Components, tuple[Components, ...]]:
