@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import ArrayLike
 
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace, namespace_of, to_single
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
     from tensegrity_envs.simulation.mujoco.engine import Engine
 
 _FRAMED = 256  # episodes whose starts and goals are in the frame of a picture
+
+# The info of one step, of several in a sequence or in a dict of arrays, or none at all.
+Infos = Mapping[str, Any] | Sequence[Mapping[str, Any]] | np.ndarray | None
 
 
 class Sampled(NamedTuple):
@@ -79,7 +83,7 @@ class InfoEntry(NamedTuple):
     kind: str
 
 
-def _is_empty(info: Any) -> bool:
+def _is_empty(info: Infos) -> bool:
     """Whether there is no info: None, an empty dict, or several of them."""
     if info is None or isinstance(info, dict):
         return not info
@@ -90,30 +94,30 @@ class Core(ABC):
     """An environment without its shell. A subclass brings mechanism, actuation, sampling, observation and picture.
 
     Attributes:
-        published: the design that is taken where none is given.
-        shared: names of the options of `Options` that the constructor takes.
-        option_defaults: defaults of them that differ from those of `Options`.
-        design: nominal, which controllers are told.
-        nominal: the mechanism of that design.
-        simulation: how actions move it.
-        task: what is wanted.
+        published: the default design, a published one.
+        shared: the names of the options of `Options` that the constructor takes.
+        option_defaults: the defaults of these options where they differ from those of `Options`.
+        design: the nominal design, which controllers know.
+        nominal: the mechanism of the nominal design.
+        simulation: how actions move the mechanism.
+        task: success, termination and reward.
         reach: an upper bound of the tip's distance from the base [m].
-        input_name: of the inputs, in `info`; empty where there are none.
-        control: how it is driven, for controllers.
-        goal_name: what goals are, in decoded observations.
-        error_name: of the distance to the goal, in `info`.
-        error_unit: in which a thousandth of it is told, "mm" or "mrad".
+        input_name: the name of the inputs in `info` and in observations; empty where there are none.
+        control: the name of the actuation, for controllers.
+        goal_name: the name of the achieved goal in decoded observations.
+        error_name: the name of the distance to the goal in `info`.
+        error_unit: the unit of a thousandth of that distance, "mm" or "mrad".
         hidden_info_keys: the entries of `info` from which `episode_with_goal` restores the hidden parameters of an
             episode (a payload, a force); `compute_reward` asks for them. Empty where nothing is hidden.
         observe_all: whether joint angles and margins are observed.
-        observe_velocities: whether velocities are.
-        randomization: of what differs from episode to episode.
-        randomizable: names of what may differ.
+        observe_velocities: whether velocities are observed.
+        randomization: the ranges of what differs from episode to episode.
+        randomizable: the names of what may differ.
         info_meanings: unit and meaning of the entries of `info` that only this environment has.
         can_fail: whether episodes may be terminated; a subclass whose episodes end by the time limit alone says False.
         shows_joint_space: whether reports draw paths in the joint space, whose two angles decide all margins.
-        dynamics: parameters of the dynamic simulation; None in a quasi-static one.
-        engine: of the dynamic simulation; None in a quasi-static one.
+        dynamics: the parameters of a dynamic simulation; None in a quasi-static one.
+        engine: the engine of a dynamic simulation; None in a quasi-static one.
     """
 
     published: ClassVar[Any]
@@ -549,7 +553,7 @@ class Core(ABC):
 
     # ------------------------------------------------------------------------------------------------ relabelling
 
-    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Infos) -> Any:
         """Reward of the dense or sparse form for any goals, as `step` gives it. See `ManipulatorEnv.compute_reward`."""
         achieved, desired, single = self._goals(achieved_goal, desired_goal)
         if not len(achieved):
@@ -564,15 +568,15 @@ class Core(ABC):
         reward = outcomes[self.outcomes.rows.reward]
         return float(reward[0]) if single else reward
 
-    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+    def compute_terminated(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Infos) -> Any:
         """Whether the episode failed in that step."""
-        if np.ndim(achieved_goal) == 2 and not len(achieved_goal):
+        if np.ndim(achieved_goal) == 2 and np.shape(achieved_goal)[0] == 0:
             return np.zeros(0, bool)
         outcomes, single = self._relabelled(achieved_goal, desired_goal, info)
         failed = outcomes[self.outcomes.rows.state.failure] != RUNNING
         return bool(failed[0]) if single else failed
 
-    def _relabelled(self, achieved_goal: Any, desired_goal: Any, info: Any) -> tuple[np.ndarray, bool]:
+    def _relabelled(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Infos) -> tuple[np.ndarray, bool]:
         """The outcomes with other goals, and whether there is one only, without a batch."""
         achieved, desired, single = self._goals(achieved_goal, desired_goal)
         batch = self.infos(info, None if single else len(achieved), self.reward_keys)
@@ -602,7 +606,7 @@ class Core(ABC):
         """The state whose achieved goal is this one."""
         return state._replace(tip=achieved)
 
-    def _goals(self, achieved: Any, desired: Any) -> tuple[np.ndarray, np.ndarray, bool]:
+    def _goals(self, achieved: ArrayLike, desired: ArrayLike) -> tuple[np.ndarray, np.ndarray, bool]:
         """Goals as (n, size) arrays, and whether there is one only, without a batch."""
         achieved, desired = np.asarray(achieved, float), np.asarray(desired, float)
         single, size = achieved.ndim == 1, self.observation_space["achieved_goal"].shape
@@ -625,7 +629,7 @@ class Core(ABC):
         keys += ["true_goal"] if self.randomization.is_noisy else []
         return keys
 
-    def infos(self, info: Any, count: int | None, keys: list[str]) -> dict[str, np.ndarray]:
+    def infos(self, info: Infos, count: int | None, keys: list[str]) -> dict[str, np.ndarray]:
         """Infos as one dict of arrays.
 
         Args:

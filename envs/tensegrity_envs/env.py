@@ -5,9 +5,10 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_envs.compiler.namespace import Components
-from tensegrity_envs.core import Core
+from tensegrity_envs.core import Core, Infos
 from tensegrity_envs.environments import core_of
 from tensegrity_envs.episodes import EpisodeQueue, checked_options
 from tensegrity_envs.rendering import Scene, Viewer, checked_size, draw
@@ -147,7 +148,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             raise ValueError(f"reset option {name!r} = {value!r}: must be {size[0]} finite numbers")
         return tuple(array[:, None])
 
-    def step(self, action: Any) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+    def step(self, action: ArrayLike) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Advance by one step. The time limit is `gym.make`'s (TimeLimit).
 
         Raises:
@@ -235,7 +236,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         self._queue.go_on(state)
         self._trace = [self._state.tip]
 
-    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Infos) -> Any:
         """The reward that `step` would give for these goals, for one transition or a batch.
 
         Args:
@@ -248,11 +249,11 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         """
         return self.core.compute_reward(achieved_goal, desired_goal, info)
 
-    def compute_terminated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+    def compute_terminated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Infos) -> Any:
         """Whether that step ended the episode by failure; the same for all goals. Arguments as for `compute_reward`."""
         return self.core.compute_terminated(achieved_goal, desired_goal, info)
 
-    def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+    def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Infos) -> Any:
         """Never: the time limit is `gym.make`'s TimeLimit wrapper, as in Gymnasium-Robotics.
 
         Arguments as for `compute_reward`.
@@ -284,7 +285,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             self._viewer = None
 
 
-def check_action(action: Any, shape: tuple[int, ...] | None) -> np.ndarray:
+def check_action(action: ArrayLike, shape: tuple[int, ...] | None) -> np.ndarray:
     """A single action as a column of numbers, clipped to [-1, 1].
 
     Raises:

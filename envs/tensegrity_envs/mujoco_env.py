@@ -1,11 +1,14 @@
 """The single environment of a dynamic simulation: as any other, with MuJoCo's pictures."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 
 from tensegrity_envs.core import Core
 from tensegrity_envs.env import ManipulatorEnv
+
+if TYPE_CHECKING:
+    from tensegrity_envs.simulation.mujoco.pictures import Pictures
 
 
 class MujocoManipulatorEnv(ManipulatorEnv):
@@ -34,7 +37,7 @@ class MujocoManipulatorEnv(ManipulatorEnv):
         super().__init__(arm, render_mode, render_size, **options)
         if self.core.engine is None:
             raise ValueError("backend = 'quasi_static': MujocoManipulatorEnv needs 'mujoco'")
-        self._pictures: Any = None
+        self._pictures: Pictures | None = None
 
     def render(self) -> Any:
         """The picture (rgb_array: shape (height, width, 3), uint8; depth_array: shape (height, width), float32),

@@ -119,11 +119,11 @@ def share_options(core: type, names: Iterable[str]) -> None:
     if "__init__" not in vars(core):
         return
     own = list(inspect.signature(core.__init__).parameters.values())[1:]  # type: ignore[misc]
-    parent = core.__base__
+    parent = next((base for base in core.__mro__[1:-1] if "__init__" in vars(base)), None)
     explicit = [parameter for parameter in own if parameter.kind is not inspect.Parameter.VAR_KEYWORD]
     taken = {parameter.name for parameter in explicit}
     further: list[inspect.Parameter] = []
-    if len(explicit) < len(own) and parent is not None and parent.__init__ is not object.__init__:  # type: ignore[misc]
+    if len(explicit) < len(own) and parent is not None:
         further = list(inspect.signature(parent).parameters.values())
     elif len(explicit) < len(own):
         defaults = getattr(core, "option_defaults", {})

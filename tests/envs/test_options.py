@@ -62,3 +62,17 @@ def test_a_subclass_may_hand_options_on_or_not():
     assert core_of(Closed, {}).task.tolerance == 0.01
     with pytest.raises(TypeError, match="unexpected keyword argument 'tolerance'"):
         core_of(Closed, {"tolerance": 0.1})
+
+
+def test_a_mixin_before_the_parent_does_not_hide_its_options():
+    class Mixin:
+        """Without a constructor."""
+
+    class Mixed(Mixin, TwoXReach):
+        """With an option of its own."""
+
+        def __init__(self, colour="blue", **further):
+            super().__init__(**further)
+
+    assert {"colour", "control", "tolerance"} <= set(inspect.signature(Mixed).parameters)
+    assert core_of(Mixed, {"control": "tension"}).control == "tension"
