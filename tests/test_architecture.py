@@ -13,6 +13,7 @@ LAYERS = [
     "mechanics",
     "columns",
     "seeding",
+    "uncertainty",
     "randomization",
     "rendering",
     "simulation",

@@ -66,6 +66,15 @@ LoadRange = Annotated[
         help="range of the unknown load, such as 0,1, in the environment's unit", show_default="the environment's"
     ),
 ]
+Level = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        max=3,
+        help="of uncertainty: 0 (the nominal arm) to 3; see docs/environments.md",
+        show_default="the environment's",
+    ),
+]
 PayloadRange = Annotated[
     str | None, typer.Option(help="range of the unknown payload in kg, such as 0,0.4", show_default="the environment's")
 ]
@@ -110,6 +119,7 @@ class EnvironmentOptions:
     tolerance: Tolerance = None
     load_range: LoadRange = None
     payload_range: PayloadRange = None
+    level: Level = None
 
     def parsed(self) -> dict[str, Any]:
         """The environment's options that were given at the command line.
@@ -128,6 +138,8 @@ class EnvironmentOptions:
             options["load_range"] = env_options.parse_range(self.load_range, "--load-range")
         if self.payload_range is not None:
             options["payload_range"] = env_options.parse_range(self.payload_range, "--payload-range")
+        if self.level is not None:
+            options["level"] = self.level
         return options
 
     def checked(self, *env_ids: str) -> dict[str, Any]:

@@ -72,6 +72,11 @@ class TeacherSettings(_Strict):
     buffer_size: int = Field(400_000, ge=1, description="the latest steps, which are trained on")
     learning_rate: float = Field(1e-3, gt=0, description="at the start; falls linearly to a fiftieth")
     beta: float = Field(0.05, gt=0, description="error of an action from which on the loss is linear: smooth L1")
+    edge_weight: float = Field(
+        1.0,
+        ge=1,
+        description="weight of steps at the edge of the stable set; it falls to 1 at a stability margin of 0.25",
+    )
     rounds_with_teacher: int = Field(
         3, ge=0, description="the share of actions that are the teacher's own falls from 1 to 0 in so many rounds"
     )
@@ -142,6 +147,7 @@ class Experiment(_Strict):
     video_episode: int = Field(0, ge=0, description="which test episode the video shows")
     design: Any = Field(None, description="name of a published design, some fields, or a YAML file with fields")
     randomization: dict[str, Any] | None = Field(None, description="what differs between episodes, with its ranges")
+    level: int | None = Field(None, ge=0, description="of uncertainty, 0 to 3; see tensegrity_envs.uncertainty")
     tolerance: float | None = Field(None, gt=0, description="distance from the target that counts as reached")
     load_range: list[float] | None = Field(None, description="of unknown loads at the tip, as the environment has it")
     payload_range: list[float] | None = Field(None, description="of unknown payloads [kg]")

@@ -16,7 +16,7 @@ import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.yaml_file import ConfigError, parse_yaml, read_yaml
 from tensegrity_envs.mechanics.designs import PUBLISHED
 
-NAMES = ("design", "randomization", "tolerance", "load_range", "payload_range")
+NAMES = ("design", "randomization", "level", "tolerance", "load_range", "payload_range")
 _DESIGN = (
     "a published design such as muralidharan2022, some fields such as '{\"b\": 0.06}' or b=0.06, both as "
     "muralidharan2022,b=0.06, or a YAML file with fields"
@@ -137,8 +137,11 @@ def canonical(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
         result["design"] = {
             field.name: _plain(getattr(core.design, field.name)) for field in dataclasses.fields(core.design)
         }
-    if names := core.randomization.names:
-        result["randomization"] = {name: _plain(getattr(core.randomization, name)) for name in names}
+    if core.randomization != usual.randomization:
+        ranges = core.randomization
+        result["randomization"] = {name: _plain(getattr(ranges, name)) for name in ranges.names}
+        if usual.randomization.names:  # of the level that the id has; without it, the ranges are all there is
+            result["level"] = 0
     if "tolerance" in options:
         scaled = check_options(env_id, {key: value for key, value in options.items() if key != "tolerance"})
         if core.task.tolerance != scaled.task.tolerance:

@@ -265,7 +265,7 @@ class Core(ABC):
         self.observe_all = options.observe == "full"
         self.observe_velocities = options.observe_velocities
         self.randomizable = frozenset(applicable)
-        self.randomization = Randomization.given(options.randomization, applicable, where)
+        self.randomization = options.randomized(applicable, where)
 
     def set_simulation(self, control: Drivable, options: Options, usual: Dynamics) -> None:
         """Define how the mechanism moves.

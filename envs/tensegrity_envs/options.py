@@ -10,7 +10,7 @@ import dataclasses
 import inspect
 import re
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from difflib import get_close_matches
 from typing import Any, Literal
 
@@ -19,6 +19,7 @@ import numpy as np
 from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.tasks import Weights
+from tensegrity_envs.uncertainty import checked_level, ranges_of
 
 _WIDTH = 112
 
@@ -38,6 +39,7 @@ class Options:
         backend: "quasi_static", or "mujoco" for dynamics.
         dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`.
         randomization: what differs from episode to episode, by name; see `randomization.Randomization`.
+        level: of uncertainty, from 0 (none) to 3, see `uncertainty`; what `randomization` names is as that says.
     """
 
     design: Any = None
@@ -49,18 +51,37 @@ class Options:
     backend: Literal["quasi_static", "mujoco"] = "quasi_static"
     dynamics: Dynamics | Mapping[str, Any] | None = None
     randomization: Randomization | Mapping[str, Any] | None = None
+    level: int | None = None
 
     def __post_init__(self) -> None:
         """Validate.
 
         Raises:
-            ValueError: `observe` or `backend` is none of those there are; there are dynamics without their backend.
+            ValueError: `observe`, `backend` or `level` is none of those there are; there are dynamics without their
+                backend.
         """
+        checked_level(self.level)
         for name, known in (("observe", ("full", "tip_and_inputs")), ("backend", ("quasi_static", "mujoco"))):
             if getattr(self, name) not in known:
                 raise ValueError(f"{name} = {getattr(self, name)!r}: must be {' or '.join(map(repr, known))}")
         if self.dynamics is not None and not self.is_dynamic:
             raise ValueError("dynamics: needs backend = 'mujoco'")
+
+    def randomized(self, applicable: Collection[str], where: str) -> Randomization:
+        """What differs from episode to episode.
+
+        Args:
+            applicable: names of what may.
+            where: the environment, for messages.
+
+        Raises:
+            ValueError: a name is unknown or does not apply, or a range is wrong.
+            TypeError: `randomization` is of the wrong type.
+        """
+        given = Randomization.given(self.randomization, applicable, where)
+        seen = set(applicable) if self.observe == "full" else set(applicable) - {"angle_noise"}
+        ranges = ranges_of(checked_level(self.level), seen, where)
+        return dataclasses.replace(given, **{name: ranges[name] for name in ranges if name not in given.names})
 
     @classmethod
     def of(cls, core: Any, given: Mapping[str, Any]) -> "Options":

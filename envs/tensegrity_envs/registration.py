@@ -23,7 +23,7 @@ class Entry(NamedTuple):
     max_episode_steps: int = 100
 
 
-ENTRIES = (
+_NOMINAL = (
     Entry(
         "tensegrity/TwoXReach-v0",
         "2-X manipulator, joint increments, stiffest feasible tensions",
@@ -135,6 +135,28 @@ ENTRIES = (
         400,
     ),
 )
+# Those of which there is an uncertain twin, at level 2.
+_UNCERTAIN = (
+    "TwoXTensionReach",
+    "TwoXPayloadReach",
+    "DualTriangleLoadedReach",
+    "DualTriangleLoadedReachMuJoCo",
+)
+
+
+def _uncertain(entry: Entry) -> Entry:
+    """The same environment, where each episode has an arm of its own, noise and delay."""
+    name = entry.id.removeprefix("tensegrity/").removesuffix("-v0")
+    base, dynamic, _ = name.partition("MuJoCo")
+    unknown = "unknown stiffness, mass and damping" if dynamic else "unknown stiffness"
+    return entry._replace(
+        id=f"tensegrity/{base}Uncertain{dynamic}-v0",
+        summary=f"{entry.summary}; {unknown}, noise and delay (level 2 of 3)",
+        options=entry.options | {"level": 2},
+    )
+
+
+ENTRIES = (*_NOMINAL, *(_uncertain(e) for e in _NOMINAL if e.id[len("tensegrity/") : -len("-v0")] in _UNCERTAIN))
 _SHELLS = {
     "quasi_static": "tensegrity_envs.env:ManipulatorEnv",
     "mujoco": "tensegrity_envs.mujoco_env:MujocoManipulatorEnv",

@@ -43,7 +43,8 @@ def run(env_id, steps=5, **options):
 
 def states(shell):
     """States and episodes of the batch, as components of shape (n,)."""
-    return shell.core.outcomes.unpack(shell._outcomes).state, shell.episode
+    state = shell.core.outcomes.unpack(shell._outcomes).state
+    return shell.core.measured(state), shell.episode  # as the sensors see it
 
 
 def encoded(schema, state, episode):

@@ -31,6 +31,7 @@ _OFF = 1.5  # steps: farther from its path than that, the teacher plans anew
 _SETTLED = 5  # steps before which it does not
 _STILL = 1e-3  # steps: what moves less has come to rest
 _HIDDEN = ("actuation_delay", "tip_noise", "angle_noise")  # what the teacher's model of an episode is without
+_EDGE = 0.25  # stability margin below which steps weigh more
 _SLOWEST = 0.02  # of the learning rate, at the end
 
 
@@ -51,6 +52,7 @@ class Teacher:
         age: steps since the path was planned, (n,).
         off: distance from the path in steps, (n,).
         knows_a_way: whether the path leads to the target, (n,).
+        margin: of stability, where each environment is, (n,).
         past: the latest actions, which may still be pending, (delay, n, action size).
     """
 
@@ -60,8 +62,7 @@ class Teacher:
         self.shell, self.horizon, self.replan_after = shell, horizon, replan_after
         self.true = shell.core
         drawn = {n: getattr(self.true.randomization, n) for n in self.true.randomization.names if n not in _HIDDEN}
-        own = {key: value for key, value in options.items() if key != "randomization"}
-        own |= {"randomization": drawn} if drawn else {}
+        own = {**options, "randomization": drawn, "level": 0}
         env: Any = gym.make(env_id, **own).unwrapped
         self.core = env.core
         self.oracle = teachers_of(env_id)[name](self.core)
@@ -69,7 +70,7 @@ class Teacher:
         self.rate = float(self.core.simulation.rate)
         self.path = np.zeros((n, horizon, size))
         self.place, self.age, self.off = np.zeros(n, int), np.zeros(n, int), np.zeros(n)
-        self.knows_a_way = np.zeros(n, bool)
+        self.knows_a_way, self.margin = np.zeros(n, bool), np.zeros(n)
         self.past = np.zeros((self.true.randomization.longest_delay, n, size))
 
     def state(self) -> dict[str, np.ndarray]:
@@ -91,6 +92,7 @@ class Teacher:
         episodes, outcomes = self.shell.matrices
         self.past[:, begins] = 0.0
         rows = self.true.outcomes.rows
+        self.margin = outcomes[rows.state.stability_margin].copy()
         lost = (self.age >= self.replan_after) | ((self.off > _OFF) & (self.age >= _SETTLED))
         anew = np.flatnonzero(begins | (lost & (outcomes[rows.info["is_success"]] == 0)))
         if len(anew):
@@ -212,6 +214,7 @@ class Lessons:
         space: Any = env.observation_space
         self.seen = {key: np.zeros((size, *part.shape), np.float32) for key, part in space.spaces.items()}
         self.shown = np.zeros((size, *(model.action_space.shape or ())), np.float32)
+        self.weight = np.zeros((size, 1), np.float32)
         self.filled = self.next = 0
         self.begins = np.ones(env.num_envs, bool)
         self.observation: Any = None  # before normalization
@@ -235,6 +238,7 @@ class Lessons:
             "round": self.round,
             "seen": {key: array[: self.filled] for key, array in self.seen.items()},
             "shown": self.shown[: self.filled],
+            "weight": self.weight[: self.filled],
             "next": self.next,
             "begins": self.begins,
             "observation": self.observation,
@@ -246,7 +250,7 @@ class Lessons:
         self.optimizer.load_state_dict(state["optimizer"])
         self.round, self.next, self.begins = state["round"], state["next"], state["begins"]
         self.observation, self.filled = state["observation"], len(state["shown"])
-        self.shown[: self.filled] = state["shown"]
+        self.shown[: self.filled], self.weight[: self.filled] = state["shown"], state["weight"]
         for key, array in state["seen"].items():
             self.seen[key][: self.filled] = array
 
@@ -281,6 +285,8 @@ class Lessons:
         for key, array in self.seen.items():
             array[place] = observation[key][index]
         self.shown[place] = wanted[index]
+        edge = _EDGE / np.maximum(self.teacher.margin[index], 1e-9)
+        self.weight[place, 0] = np.clip(edge, 1.0, self.settings.edge_weight)
         self.next = int(self.next + len(index)) % size
         self.filled = min(self.filled + len(index), size)
 
@@ -298,7 +304,8 @@ class Lessons:
             tensors = {key: torch.from_numpy(array) for key, array in batch.items()}
             told = policy.get_distribution(tensors).mode()
             shown = torch.from_numpy(self.shown[place])
-            loss = torch.nn.functional.smooth_l1_loss(told, shown, beta=settings.beta)
+            loss = torch.nn.functional.smooth_l1_loss(told, shown, beta=settings.beta, reduction="none")
+            loss = (torch.from_numpy(self.weight[place]) * loss).mean()
             self.optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             self.optimizer.step()

@@ -1,0 +1,81 @@
+"""Levels of uncertainty: how far an arm may be from the model that its controllers are told.
+
+Every episode draws its own arm (see `randomization.Randomization`); `info` tells what was drawn, controllers are not
+told. Success is measured on the true tip. What the ranges stand for:
+
+- stiffness: catalogues of springs give tolerances of 5 to 10 percent of the rate; 20 percent is a spring of another
+  batch, or one that has set.
+- mass: bars and platform are weighed to a few percent, but joints, cables, tendons and sensors come on top.
+- damping: the least known quantity of a mechanism; between two builds of the same joint it differs by a factor of two.
+- actuation delay: of whole control steps. Camera, bus, computer and motor each take some milliseconds: with a step of
+  20 ms up to two steps are usual in one that is not made for speed.
+- tip noise: standard deviation of a position from a camera or a motion capture system, 0.5 to 2 mm.
+- angle noise: standard deviation of an angle; the step of an encoder of 12 bits is 1.5 mrad.
+
+Each quantity is uniform in its range. An unknown payload or force has the range that the environment has without.
+"""
+
+from collections.abc import Collection
+from types import MappingProxyType
+from typing import Any
+
+LEVELS = tuple(
+    MappingProxyType(ranges)
+    for ranges in (
+        {},
+        {
+            "stiffness": (0.95, 1.05),
+            "mass": (0.9, 1.1),
+            "damping": (0.75, 1.33),
+            "actuation_delay": (0, 1),
+            "tip_noise": 0.0005,
+            "angle_noise": 0.0005,
+        },
+        {
+            "stiffness": (0.9, 1.1),
+            "mass": (0.8, 1.2),
+            "damping": (0.5, 2.0),
+            "actuation_delay": (0, 2),
+            "tip_noise": 0.001,
+            "angle_noise": 0.001,
+        },
+        {
+            "stiffness": (0.8, 1.2),
+            "mass": (0.7, 1.3),
+            "damping": (0.25, 4.0),
+            "actuation_delay": (0, 4),
+            "tip_noise": 0.002,
+            "angle_noise": 0.002,
+        },
+    )
+)
+
+
+def checked_level(level: Any) -> int:
+    """A level of uncertainty; None is 0.
+
+    Raises:
+        ValueError: there is no such level.
+    """
+    if level is None:
+        return 0
+    if isinstance(level, bool) or not isinstance(level, int) or not 0 <= level < len(LEVELS):
+        raise ValueError(f"level = {level!r}: must be a whole number from 0 (none) to {len(LEVELS) - 1}")
+    return level
+
+
+def ranges_of(level: int, applicable: Collection[str], where: str) -> dict[str, Any]:
+    """The ranges of a level, of those quantities that an environment has.
+
+    Args:
+        level: from `checked_level`.
+        applicable: their names.
+        where: the environment, for the message.
+
+    Raises:
+        ValueError: it has none of them, and the level is not 0.
+    """
+    ranges = {name: value for name, value in LEVELS[level].items() if name in applicable}
+    if level and not ranges:
+        raise ValueError(f"level = {level}: nothing is uncertain in {where}")
+    return ranges

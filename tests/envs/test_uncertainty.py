@@ -1,0 +1,79 @@
+"""Levels of uncertainty: what they draw, what they leave as it is, and that success is that of the true tip."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import tensegrity_envs
+from tensegrity_envs.uncertainty import LEVELS
+
+UNCERTAIN = [env_id for env_id in tensegrity_envs.ENV_IDS if "Uncertain" in env_id]
+every_id = pytest.mark.parametrize("env_id", UNCERTAIN)
+
+
+def make_vec(env_id, count, **options):
+    if "MuJoCo" in env_id:
+        pytest.importorskip("mujoco")
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **options)
+
+
+def played(envs, steps=5):
+    observation, info = envs.reset(seed=3)
+    rng, told = np.random.default_rng(0), [observation]
+    for _ in range(steps):
+        observation, *rest, info = envs.step(0.3 * rng.uniform(-1, 1, envs.action_space.shape))
+        told += [observation, *rest]
+    return told, info
+
+
+@every_id
+def test_level_0_is_the_environment_without_uncertainty(env_id):
+    base = make_vec(env_id.replace("Uncertain", ""), 4)
+    for told, expected in zip(played(make_vec(env_id, 4, level=0))[0], played(base)[0], strict=True):
+        np.testing.assert_equal(told, expected)
+
+
+@every_id
+@pytest.mark.parametrize("level", [1, 2, 3])
+def test_what_is_drawn_fills_the_ranges_of_the_level(env_id, level):
+    envs = make_vec(env_id, 400, level=level)
+    info = envs.reset(seed=1)[1]
+    for name, value in LEVELS[level].items():
+        if f"random_{name}" not in info:
+            assert name in {"mass", "damping", "tip_noise", "angle_noise"}
+            continue
+        low, high = value
+        drawn = info[f"random_{name}"]
+        assert low <= drawn.min() <= low + 0.05 * (high - low)
+        assert high >= drawn.max() >= high - 0.05 * (high - low)
+    seen = envs.unwrapped.core.randomization
+    assert seen.tip_noise == LEVELS[level]["tip_noise"]
+    assert (seen.angle_noise > 0) == ("TwoXTension" in env_id)  # only where angles are observed
+    ids = make_vec(env_id, 4)
+    assert ids.unwrapped.core.randomization == make_vec(env_id, 4, level=2).unwrapped.core.randomization
+
+
+@every_id
+def test_success_is_that_of_the_true_tip(env_id):
+    told, info = played(make_vec(env_id, 50))
+    observation, _, terminated, truncated = told[-4:]
+    runs = ~(terminated | truncated)
+    assert runs.sum() > 20
+    off = np.linalg.norm(info["true_goal"] - observation["desired_goal"], axis=1)
+    np.testing.assert_allclose(info["tip_error"][runs], off[runs], atol=1e-5)
+    seen = np.linalg.norm(info["true_goal"] - observation["achieved_goal"], axis=1)
+    assert 0.3e-3 < np.median(seen) < 3e-3  # the noise of the sensor
+
+
+def test_what_randomization_names_goes_before_the_level():
+    core = gym.make(UNCERTAIN[0], randomization={"stiffness": (1.0, 1.5)}).unwrapped.core
+    assert core.randomization.stiffness == (1.0, 1.5)
+    assert core.randomization.actuation_delay == LEVELS[2]["actuation_delay"]
+
+
+@pytest.mark.parametrize("level", [-1, 4, True, 1.0, "two"])
+def test_levels_that_do_not_exist_are_refused(level):
+    with pytest.raises(ValueError, match=r"level = .*: must be a whole number from 0"):
+        gym.make("tensegrity/TwoXReach-v0", level=level)
+    with pytest.raises(ValueError, match="nothing is uncertain in a push"):
+        gym.make("tensegrity/DualTrianglePush-v0", level=1)
