@@ -159,7 +159,8 @@ def dynamics(
     lines = []
     for env_id in MOVING:
         env = gym.make(env_id)
-        core: Any = env.unwrapped.core  # type: ignore[attr-defined]
+        shell: Any = env.unwrapped
+        core = shell.core
         skip = core.dynamics.frame_skip
         pair = {env_id: env, REFERENCE: gym.make(REFERENCE, frame_skip=skip)}
         taken: dict[str, list[float]] = {name: [] for name in pair}
@@ -226,7 +227,8 @@ def shares(env_id: str, count: int = 1024, steps: int = 100) -> dict[str, float]
     for _ in range(steps):
         action = rng.uniform(-1, 1, envs.action_space.shape).astype(np.float32)
         profile.runcall(envs.step, action)
-    stats: dict[Any, Any] = pstats.Stats(profile).stats  # type: ignore[attr-defined]
+    profiled: Any = pstats.Stats(profile)
+    stats: dict[Any, Any] = profiled.stats
     spent = {name: 0.0 for name in _PARTS.values()}
     for (file, _, function), (_, _, _, cumulative, _) in stats.items():
         part = _PARTS.get((Path(file).stem, function))

@@ -104,9 +104,9 @@ def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
         made = {name: group(**{key: given.pop(key) for key in members[name]}) for name, group in groups.items()}
         command(**given, **made)
 
-    expanded.__doc__, expanded.__name__ = command.__doc__, command.__name__
-    expanded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    expanded.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    annotations = {parameter.name: parameter.annotation for parameter in parameters}
+    vars(expanded).update(__signature__=inspect.Signature(parameters))
+    expanded.__doc__, expanded.__name__, expanded.__annotations__ = command.__doc__, command.__name__, annotations
     return expanded
 
 

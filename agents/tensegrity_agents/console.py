@@ -7,7 +7,15 @@ from pathlib import Path
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from tensegrity_agents.config import ConfigError
 from tensegrity_agents.controllers import BASELINES, DYNAMIC
@@ -40,12 +48,12 @@ def progress_bar() -> Iterator[Callable[[str, int, int, str], None]]:
         TextColumn("{task.fields[remark]}", markup=False),
     )
     with Progress(*columns, console=console) as bars:
-        tasks: dict[str, int] = {}
+        tasks: dict[str, TaskID] = {}
 
         def show(what: str, done: int, total: int, remark: str = "") -> None:
             if what not in tasks:
                 tasks[what] = bars.add_task(what, total=total, remark=remark)
-            bars.update(tasks[what], completed=done, total=total, remark=remark)  # type: ignore[arg-type]
+            bars.update(tasks[what], completed=done, total=total, remark=remark)
 
         yield show
 

@@ -12,7 +12,6 @@ import gymnasium as gym
 import numpy as np
 import yaml
 
-import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.yaml_file import ConfigError, parse_yaml, read_yaml
 from tensegrity_envs.mechanics.designs import PUBLISHED
 

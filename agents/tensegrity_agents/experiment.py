@@ -15,6 +15,7 @@ import yaml
 from tensegrity_agents import env_options
 from tensegrity_agents.config import ConfigError, Experiment
 from tensegrity_agents.controllers import baselines_of, make_controller
+from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.results import Comparison, Progress, Run, kind_of, write_csv
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.evaluation.transfer import Candidate, Transferred, transfer
@@ -123,7 +124,7 @@ def evaluate_all(experiment: Experiment, folder: Path, progress: Progress, fresh
     return Comparison(runs, {name: next(iter(agents.values()))} | baselines, descriptions, curves, evaluations)
 
 
-def _evaluate(experiment: Experiment, controller: Any, name: str, kind: str, progress: Progress) -> Run:
+def _evaluate(experiment: Experiment, controller: Controller, name: str, kind: str, progress: Progress) -> Run:
     run = evaluate(
         controller,
         experiment.env,

@@ -110,6 +110,12 @@ class AnalyticController(ABC, Generic[Memory]):
         """Take the nominal design."""
         self.nominal: Any = self.core.mechanism(design)
 
+    def input_bounds(self) -> tuple[float, float]:
+        """The lowest and the highest value of an input."""
+        simulation: Any = self.core.simulation
+        low, high = simulation.bounds(self.nominal)
+        return float(low), float(high)
+
     @property
     def truth(self) -> Episode:
         """The true episodes.

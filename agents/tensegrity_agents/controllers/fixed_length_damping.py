@@ -11,11 +11,13 @@ lengths small deviations that take the energy out. The platform's orientation an
 their own; this is how lengths act on them.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg import expm
 
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
@@ -46,7 +48,7 @@ class Modes(Protocol):
         ...
 
 
-def matrices(rows: Any, n: int) -> np.ndarray:
+def matrices(rows: Sequence[Sequence[Component]], n: int) -> np.ndarray:
     """Matrices (n, rows, columns) from rows of components."""
     return np.stack([np.stack([np.broadcast_to(v, n) for v in row], axis=1) for row in rows], axis=1)
 
@@ -156,7 +158,7 @@ class Damping:
         rest = self.modes.rest(lengths, branch)
         u = self.modes.place(rest, lengths)
 
-        def slopes(function: Any, size: int, step: float) -> np.ndarray:
+        def slopes(function: Callable[[np.ndarray], np.ndarray], size: int, step: float) -> np.ndarray:
             return np.stack([(function(step * e) - function(-step * e)) / (2 * step) for e in np.eye(size)], axis=2)
 
         by_w = slopes(lambda e: self.modes.place(rest + e, lengths), k, h)

@@ -13,9 +13,10 @@ from gymnasium import spaces
 
 from tensegrity_agents.controllers import planar_four_bar
 from tensegrity_agents.controllers.base import Observation, beginning
+from tensegrity_envs.environments import PlanarFourBarReach
 
 
-def _planar_four_bar(core: Any) -> planar_four_bar.Features:
+def _planar_four_bar(core: PlanarFourBarReach) -> planar_four_bar.Features:
     loaded = any(core.sampler.load_range)
     return planar_four_bar.LoadedFeatures(core) if loaded else planar_four_bar.Features(core)
 

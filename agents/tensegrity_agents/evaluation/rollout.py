@@ -81,12 +81,13 @@ def evaluate(
         envs = gym.make_vec(
             env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **(env_options or {})
         )
-        core: Any = envs.unwrapped.core  # type: ignore[attr-defined]
+        shell: Any = envs.unwrapped
+        core = shell.core
         record = _Record(count, limit, core.error_name)
         observation, info = envs.reset(seed=first_seed + first)
         record.add(info, np.zeros(count), np.ones(count, bool), initial=True)
         with _blaming(name, "begin_episodes"):
-            begin_episodes(controller, envs.unwrapped, count)
+            begin_episodes(controller, shell, count)
         state: Any = None
         start = np.ones(count, bool)
         alive = np.ones(count, bool)

@@ -14,6 +14,7 @@ from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 _BLOCK = 64  # resamples whose weights are in memory at once
 
@@ -48,7 +49,7 @@ def wilson_interval(successes: int, n: int, confidence: float = 0.95) -> tuple[f
     return (0.0 if successes == 0 else centre - half, 1.0 if successes == n else centre + half)
 
 
-def interquartile_mean(scores: Any) -> float:
+def interquartile_mean(scores: ArrayLike) -> float:
     """Mean of the middle half of all scores, whatever their shape [Agarwal2021, section 4.3].
 
     floor(n / 4) scores are left out at each end. On single zeros and ones this is useless (1 as soon as three
@@ -74,7 +75,7 @@ def interquartile_mean_of_runs(scores: np.ndarray) -> float:
 
 
 def stratified_bootstrap(
-    scores: Any,
+    scores: ArrayLike,
     statistic: Callable[[np.ndarray], float] = interquartile_mean_of_runs,
     *,
     confidence: float = 0.95,
@@ -102,17 +103,19 @@ def stratified_bootstrap(
     Raises:
         ValueError: `scores` is not a finite, non-empty (runs, episodes) array, or confidence is outside (0, 1).
     """
-    scores = _runs_by_episodes("scores", scores)
-    runs, episodes = scores.shape
+    table = _runs_by_episodes("scores", scores)
+    runs, episodes = table.shape
     rng = np.random.default_rng(seed)
     values = np.empty(resamples)
+    rows: np.ndarray
+    columns: np.ndarray
     for k in range(resamples):
         rows, columns = rng.integers(runs, size=runs), rng.integers(episodes, size=episodes)
-        values[k] = statistic(scores[rows[:, None], columns])
-    return _percentiles(float(statistic(scores)), values, confidence)
+        values[k] = statistic(table[rows[:, None], columns])
+    return _percentiles(float(statistic(table)), values, confidence)
 
 
-def performance_profile(scores: Any, thresholds: Any) -> np.ndarray:
+def performance_profile(scores: ArrayLike, thresholds: ArrayLike) -> np.ndarray:
     """Share of all runs and episodes with a score above each threshold: mean of 1[score > threshold].
 
     The run-score distribution of [Agarwal2021, section 4.2].
@@ -138,7 +141,7 @@ def performance_profile(scores: Any, thresholds: Any) -> np.ndarray:
 
 
 def probability_of_improvement(
-    x: Any, y: Any, *, confidence: float = 0.95, resamples: int = 2000, seed: int = 0
+    x: ArrayLike, y: ArrayLike, *, confidence: float = 0.95, resamples: int = 2000, seed: int = 0
 ) -> Estimate:
     """Probability that a run of X scores higher than a run of Y on an episode, ties counting half.
 
@@ -172,7 +175,7 @@ def probability_of_improvement(
     return _percentiles(float(doubled.mean(dtype=float)) / 2, np.concatenate(values), confidence)
 
 
-def normalized_score(score: Any, random: Any, oracle: Any) -> Any:
+def normalized_score(score: ArrayLike, random: ArrayLike, oracle: ArrayLike) -> Any:
     """(score - random) / (oracle - random): 0 for the random policy, 1 for the oracle; NaN where those two are equal.
 
     Arguments are floats or arrays that broadcast; floats give a float.
@@ -190,7 +193,7 @@ def _checked(confidence: float) -> float:
     return confidence
 
 
-def _runs_by_episodes(name: str, scores: Any) -> np.ndarray:
+def _runs_by_episodes(name: str, scores: ArrayLike) -> np.ndarray:
     array = np.asarray(scores, float)
     if array.ndim != 2 or not array.size:
         raise ValueError(f"{name} of shape {array.shape}: must be (runs, episodes), at least one of each")

@@ -7,8 +7,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.config import Experiment
+from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.env_options import short_name
 from tensegrity_agents.evaluation.results import Comparison, Progress
 from tensegrity_agents.evaluation.rollout import begin_episodes
@@ -132,7 +132,7 @@ def _vector(experiment: Experiment, count: int) -> Any:
     )
 
 
-def _tracking_errors(controller: Any, experiment: Experiment, count: int = 300) -> np.ndarray:
+def _tracking_errors(controller: Controller, experiment: Experiment, count: int = 300) -> np.ndarray:
     """Distance from the moving goal [m] after every step of the first test episodes, (steps, n); NaN once failed."""
     envs = _vector(experiment, count)
     observation, _ = envs.reset(seed=TEST_SEED)
@@ -149,7 +149,7 @@ def _tracking_errors(controller: Any, experiment: Experiment, count: int = 300) 
     return np.stack(errors)
 
 
-def _paths(controller: Any, experiment: Experiment, count: int) -> tuple[list[np.ndarray], path_figures.Endings]:
+def _paths(controller: Controller, experiment: Experiment, count: int) -> tuple[list[np.ndarray], path_figures.Endings]:
     """Joint paths and tip positions of the first test episodes."""
     envs = _vector(experiment, count)
     observation, info = envs.reset(seed=TEST_SEED)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -128,7 +129,7 @@ def swfw(design: TwoXDesign) -> Callable[[Any], np.ndarray]:
 def inside(region: Any) -> Callable[[Any], np.ndarray]:
     """Paints where the tip can be, a shapely geometry [m]."""
 
-    def paint(axes: Any) -> np.ndarray:
+    def paint(axes: Axes) -> np.ndarray:
         path = outline(region)
         if path is None:
             return np.zeros((2, 1))

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-import tensegrity_envs  # noqa: F401  (registers the ids)
+from tensegrity_agents.controllers.base import Controller
 from tensegrity_envs.rendering import draw
 
 _PANEL = 300  # width and height of one controller's picture [pixels]
@@ -78,7 +78,7 @@ def record(
 class _Player:
     """One controller in an environment of its own."""
 
-    def __init__(self, env_id: str, name: str, controller: Any, seed: int, options: dict[str, Any]) -> None:
+    def __init__(self, env_id: str, name: str, controller: Controller, seed: int, options: dict[str, Any]) -> None:
         self.name, self._controller = name, controller
         self._env = gym.make(env_id, render_mode="rgb_array", render_size=_PANEL, **options)
         self._observation, info = self._env.reset(seed=seed)

@@ -49,7 +49,8 @@ class AugmentedVecEnv(VecEnvWrapper):
 
     def reset(self) -> Any:
         """Begin new episodes everywhere."""
-        told, self.memory = self.augmentation(self.venv.reset())  # type: ignore[arg-type]
+        observation: Any = self.venv.reset()
+        told, self.memory = self.augmentation(observation)
         return told
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -59,6 +60,7 @@ class AugmentedVecEnv(VecEnvWrapper):
 
     def step_wait(self) -> Any:
         """Take the step."""
+        observation: Any
         observation, reward, done, infos = self.venv.step_wait()
         ended = np.flatnonzero(done)
         if len(ended):
@@ -68,5 +70,5 @@ class AugmentedVecEnv(VecEnvWrapper):
             told, _ = self.augmentation(seen, memory, ~done[ended])
             for row, i in enumerate(ended):
                 infos[i]["terminal_observation"] = {key: value[row] for key, value in told.items()}
-        told, self.memory = self.augmentation(observation, self.memory, done)  # type: ignore[arg-type]
+        told, self.memory = self.augmentation(observation, self.memory, done)
         return told, reward, done, infos

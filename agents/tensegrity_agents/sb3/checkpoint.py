@@ -109,7 +109,8 @@ def _restored(content: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) 
     saved = content["normalization"]
     model.set_parameters(content["parameters"], exact_match=True)
     if content["entropy"] is not None:
-        model.log_ent_coef.data.copy_(content["entropy"].data)  # type: ignore[attr-defined]
+        off_policy: Any = model
+        off_policy.log_ent_coef.data.copy_(content["entropy"].data)
     assert isinstance(env.obs_rms, dict)
     rms = env.obs_rms["observation"]
     rms.mean, rms.var, rms.count = saved["mean"].numpy(), saved["var"].numpy(), saved["count"]
@@ -127,7 +128,7 @@ def running_state(model: BaseAlgorithm, env: VecNormalize) -> dict[str, Any]:
     memories = [None if one.memory is None else list(one.memory) for one in augmented]
     name, keys, *rest = np.random.get_state()  # noqa: NPY002  (SB3 draws from it)
     return {
-        "environments": adapter.envs.unwrapped.get_state(),  # type: ignore[attr-defined]
+        "environments": adapter.shell.get_state(),
         "returns": monitor.episode_returns.copy(),
         "lengths": monitor.episode_lengths.copy(),
         "memories": memories,
@@ -143,7 +144,7 @@ def go_on(state: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> Non
     """Go on where `running_state` was told."""
     monitor, augmented, adapter = _parts(env)
     monitor.venv.reset()  # which makes what the states go into
-    adapter.envs.unwrapped.set_state(state["environments"])  # type: ignore[attr-defined]
+    adapter.shell.set_state(state["environments"])
     monitor.episode_returns, monitor.episode_lengths = state["returns"], state["lengths"]
     for one, memory in zip(augmented, state["memories"], strict=True):
         one.memory = None if memory is None else type(one.memory)(*memory)

@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 
 from tensegrity_agents.config import Experiment
+from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_envs.seeding import VALIDATION_SEED
 
@@ -103,7 +104,7 @@ class Evaluations:
         """Whether it is time for one, those in `rows` having been made."""
         return not rows or timesteps * _POINTS // self.total > int(rows[-1][1]) * _POINTS // self.total
 
-    def __call__(self, controller: Any, seconds: float, timesteps: int) -> list[float]:
+    def __call__(self, controller: Controller, seconds: float, timesteps: int) -> list[float]:
         """A row of the table."""
         e = self.experiment
         options = e.train.env_options | e.options  # the reward of the training, on the environment of the table

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Any, cast
 
 import gymnasium as gym
@@ -94,7 +95,7 @@ class _Stop:
 
     number: int | None = None
 
-    def __call__(self, number: int, frame: Any) -> None:
+    def __call__(self, number: int, frame: FrameType | None) -> None:
         if self.number is not None:
             raise KeyboardInterrupt
         self.number = number
@@ -142,7 +143,7 @@ class _Training(BaseCallback):
         self.taught = 0  # time steps
         if self.settings.teacher is not None:
             assert isinstance(self.algorithm, PPO)
-            shell: Any = adapter_of(self.env).envs.unwrapped
+            shell = adapter_of(self.env).shell
             self.lessons = Lessons(experiment, self.algorithm, self.env, shell)
             self.taught = self.lessons.timesteps
         self.rows: list[list[float]] = []

@@ -36,6 +36,7 @@ class VectorEnvAdapter(VecEnv):
                 'make it with autoreset_mode="SameStep", or by VectorEnvAdapter.make(id, num_envs)'
             )
         self.envs = envs
+        self.shell: Any = envs.unwrapped  # the native vector environment
         self._stagger, self._full_info = stagger, full_info
         self._actions: np.ndarray
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
@@ -103,7 +104,7 @@ class VectorEnvAdapter(VecEnv):
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """Call a method of the vector environment once; its result stands for every index."""
-        result = getattr(self.envs.unwrapped, method_name)(*args, **kwargs)
+        result = getattr(self.shell, method_name)(*args, **kwargs)
         return [result for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:

@@ -18,12 +18,13 @@ from matplotlib.ticker import MaxNLocator
 from tensegrity_agents.reporting.style import FAINT, INK, new_figure, note, styled, without_jumps
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.fields import STEEP, Field, beyond, maximum, region_of, room, stiffness
+from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 _BLUES = LinearSegmentedColormap.from_list("pale blues", ["#eef4fa", "#7fa8d1"])
 _FINE, _COARSE = 301, 181  # columns of the grids of workspaces, and of those whose measure takes long
 _MOST = 1e6  # [k b], of a critical push
-_OBJECTIVES = {"sum": "(a) sum", "max": "(b) largest", "squares": "(c) squares"}
+_OBJECTIVES: dict[Objective, str] = {"sum": "(a) sum", "max": "(b) largest", "squares": "(c) squares"}
 
 
 def _symmetric(arm: DualTriangle) -> tuple[float, float, float, float]:
@@ -110,7 +111,7 @@ def redundancy(arm: DualTriangle, targets: Sequence[tuple[float, float]]) -> Fig
     _, b, _, _ = _symmetric(arm)
     for axes, target in zip(panels, targets, strict=False):
         for colour, (name, label) in zip(_COLOURS, _OBJECTIVES.items(), strict=False):
-            found = arm.redundancy(*target, start, name)  # type: ignore[arg-type]
+            found = arm.redundancy(*target, start, name)
             if found.is_reachable:
                 text = ", ".join(f"{angle:.2f}" for angle in found.configuration)
                 draw_arm(axes, arm, found.configuration, colour, f"{label}: {text}")

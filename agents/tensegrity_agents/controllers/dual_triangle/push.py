@@ -5,13 +5,14 @@ self-motion curve that withstands most, and to correct the inputs for the load t
 """
 
 from abc import abstractmethod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, Observation, columns_of
 from tensegrity_agents.controllers.dual_triangle.identification import explain
 from tensegrity_agents.controllers.dual_triangle.stiffening import Loop, hold, withstood
+from tensegrity_envs.environments import DualTrianglePush
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.observation import DecodedObservation
 
@@ -47,13 +48,12 @@ class PushController(AnalyticController[Memory]):
         core: of the environment.
     """
 
+    core: DualTrianglePush
     nominal: DualTriangle
 
     def _take(self, design: DualTriangleDesign) -> None:
         super()._take(design)
-        simulation: Any = self.core.simulation
-        low, high = simulation.bounds(self.nominal)
-        self.bounds = float(low), float(high)
+        self.bounds = self.input_bounds()
 
     def decode(self, observation: Observation) -> DecodedObservation:
         """The observation, with the joint angles that explain the tip where they are not observed."""
@@ -145,12 +145,12 @@ class PushObserver(PushController):
         n, arm = len(target), self.nominal
         speed = np.maximum(np.hypot(*growth.T), 1e-12)
         unit = growth / speed[:, None]
-        largest = 4 * self.core.critical_load  # type: ignore[attr-defined]
+        largest = 4 * self.core.critical_load
         places = np.arange(_PLACES) * (2 * np.pi / _PLACES)
         table = Loop(arm, tuple(np.repeat(target, _PLACES, axis=0).T)).at(np.tile(places, n)).reshape(3, n, _PLACES)
         direction = unit[:, :1], unit[:, 1:]
         strength = withstood(arm, self.bounds, table, direction, largest)
-        half = self.core.critical_load / 2  # type: ignore[attr-defined]
+        half = self.core.critical_load / 2
         lengths = np.stack(hold(arm, self.bounds, table, (half * direction[0], half * direction[1])).free_lengths)
         steps = np.abs(np.roll(lengths, -1, axis=2) - lengths).max(axis=0) / self.rate + 0.02
         first = np.rint(Loop(arm, tuple(target.T)).place(q.T) / (2 * np.pi) * _PLACES).astype(int) % _PLACES

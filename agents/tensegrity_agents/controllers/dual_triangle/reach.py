@@ -5,7 +5,7 @@ law needs the load (with the sign of the print corrected), and stability must be
 """
 
 from abc import abstractmethod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,8 +53,7 @@ class ReachController(AnalyticController[Memory]):
 
     def _take(self, design: DualTriangleDesign) -> None:
         super()._take(design)
-        simulation: Any = self.core.simulation
-        self.bound = float(simulation.bounds(self.nominal)[1])
+        self.bound = self.input_bounds()[1]
         # Up to here the unloaded arm can be held, too; beyond its joint limit an episode ends.
         self.joint_limit = 0.98 * min(float(design.joint_limit), float(self.nominal.segment.control_limit))
 

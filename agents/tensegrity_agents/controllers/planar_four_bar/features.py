@@ -12,7 +12,7 @@ from tensegrity_agents.controllers.planar_four_bar.reading import (
     resolved_rate,
     side,
 )
-from tensegrity_envs.core import Core
+from tensegrity_envs.environments import PlanarFourBarReach
 from tensegrity_envs.mechanics.detour import shortest_way
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
 from tensegrity_envs.observation import DecodedObservation
@@ -34,9 +34,9 @@ class Features:
 
     size = 12
 
-    def __init__(self, core: Core) -> None:
+    def __init__(self, core: PlanarFourBarReach) -> None:
         self.core, self.nominal, self.rate = core, core.nominal, core.simulation.rate
-        self.margin = core.sampler.safe_margin  # type: ignore[attr-defined]
+        self.margin = core.sampler.safe_margin
         self.obstacle = cast(InputReach, core.task).obstacle
         self.places = way_points(core.nominal, _PLACES)
         tips = [np.stack(core.nominal.rectangle(tuple(self.places.T), side)[1], axis=1) for side in (1.0, -1.0)]

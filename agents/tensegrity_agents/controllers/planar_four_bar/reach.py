@@ -4,7 +4,7 @@
 and can snap to its other side: observer and oracle plan with that.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -58,9 +58,7 @@ class ReachController(AnalyticController[Memory]):
 
     def _take(self, design: PlanarFourBarDesign) -> None:
         super()._take(design)
-        simulation: Any = self.core.simulation
-        low, high = simulation.bounds(self.nominal)
-        self.bounds = (float(low), float(high))
+        self.bounds = self.input_bounds()
         points = way_points(self.nominal, 40)
         pairs = np.stack([np.repeat(points[:24], 24, axis=0), np.tile(points[:24], (24, 1))], axis=1)
         self.table = np.concatenate([np.repeat(points[:, None], 2, axis=1), pairs[::3]])

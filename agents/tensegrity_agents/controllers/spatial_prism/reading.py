@@ -1,12 +1,11 @@
 """What the controllers of the spatial prism make of an observation."""
 
-from typing import Any
-
+from tensegrity_agents.controllers.base import Observation
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
 
-def read(observation: Any, core: Core) -> DecodedObservation:
+def read(observation: Observation, core: Core) -> DecodedObservation:
     """The decoded observation of n environments, with `next_goal`: where the goal will be after this step, (n, 3) [m].
 
     Args:
