@@ -18,7 +18,7 @@ from tensegrity_agents.console import checked_folder, say
 from tensegrity_agents.yaml_file import read_yaml
 
 # The options that several scripts have. Typer's help takes square brackets for markup, so defaults that are computed
-# are told by `show_default`.
+# are described by `show_default`.
 Config = Annotated[Path | None, typer.Option(help="YAML file, such as configs/two_x_reach.yaml")]
 EnvOfConfig = Annotated[
     str | None,

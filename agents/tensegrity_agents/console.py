@@ -32,8 +32,8 @@ AGAIN = "run the same command again to begin anew"
 
 def list_of_baselines() -> str:
     """The names of the baselines of all environments, for help texts."""
-    told = {arm: list(dict.fromkeys([*BASELINES.get(arm, {}), *DYNAMIC.get(arm, {})])) for arm in BASELINES}
-    return "; ".join(f"{arm}: {', '.join(names)}" for arm, names in told.items()) + "; all: random"
+    names_of = {arm: list(dict.fromkeys([*BASELINES.get(arm, {}), *DYNAMIC.get(arm, {})])) for arm in BASELINES}
+    return "; ".join(f"{arm}: {', '.join(names)}" for arm, names in names_of.items()) + "; all: random"
 
 
 @contextmanager
@@ -94,7 +94,7 @@ def _fail(message: str) -> None:
 
 
 def checked_folder(path: Path, option: str) -> Path:
-    """A folder that results can be written into, as far as can be told without making it.
+    """A folder that results can be written into, as far as can be found out without making it.
 
     Raises:
         ConfigError: it is a file, or it and what is above it cannot be written.
@@ -110,7 +110,7 @@ def checked_folder(path: Path, option: str) -> Path:
 
 
 def checked_file(path: Path, option: str) -> Path:
-    """A file that can be written, as far as can be told without making it.
+    """A file that can be written, as far as can be found out without making it.
 
     Raises:
         ConfigError: it is a folder, or cannot be written.

@@ -114,8 +114,8 @@ def check_options(env_id: str, options: Mapping[str, Any]) -> Any:
     try:
         env: Any = gym.make(env_id, **options)
     except (TypeError, ValueError, gym.error.Error) as error:
-        told = str(error).split(" was raised from the environment creator")[0]
-        raise ConfigError(f"{env_id}: {told}") from error
+        reason = str(error).split(" was raised from the environment creator")[0]
+        raise ConfigError(f"{env_id}: {reason}") from error
     core = env.unwrapped.core
     env.close()
     return core

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tensegrity_agents.controllers import make_controller
-from tensegrity_agents.controllers.planar_four_bar.planning import ends, trips, way_points
+from tensegrity_agents.controllers.planar_four_bar.planning import ends, trips, waypoints
 from tensegrity_agents.controllers.planar_four_bar.reading import configuration, force_across
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_envs.mechanics import PlanarFourBar
@@ -71,7 +71,7 @@ def test_trips_are_what_the_environment_does():
     observation, info = envs.reset(seed=7)
     core = envs.unwrapped.core
     load, start = info["load"].copy(), info["actuator_lengths"].copy()
-    goal = way_points(ARM, 60, seed=3)
+    goal = waypoints(ARM, 60, seed=3)
     points = np.stack([start, goal, goal, goal], axis=1)
     tips, margin = trips(ARM, info["configuration"].copy(), points, load)
     end, failed, active = np.full((60, 2), np.nan), np.zeros(60, bool), np.ones(60, bool)

@@ -32,7 +32,7 @@ class Modes(Protocol):
     scale: float  # of lengths [m]
 
     def read(self, observed: DecodedObservation, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """w - w0(l) [rad], the rate of w [rad/s], and what tells branches apart, (n, ...)."""
+        """w - w0(l) [rad], the rate of w [rad/s], and what distinguishes branches, (n, ...)."""
         ...
 
     def rest(self, lengths: np.ndarray, branch: np.ndarray) -> np.ndarray:
@@ -70,7 +70,7 @@ class DampingMemory(NamedTuple):
 
 
 class Damping:
-    """Turns planned lengths into lengths that calm the mechanism on the way.
+    """Turns planned lengths into lengths that calm the mechanism meanwhile.
 
     The regulator weighs the elastic energy and the kinetic one against deviations of the lengths, as if these stretched
     springs of `softness` times the elastic stiffness. They stay below `most` times the scale of lengths, so that they
@@ -113,13 +113,13 @@ class Damping:
         if not self.enabled:
             return planned, memory._replace(lengths=planned)
         m = lengths.shape[1]
-        away, rate, branch = self.modes.read(observed, lengths)
+        elastic, rate, branch = self.modes.read(observed, lengths)
         jump, flow, weight, slope = self._system(lengths, branch)
         v = (planned - memory.lengths) / self.time
         speed = rate - np.einsum("nij,nj->ni", slope, memory.rate + memory.deviation)
         speed = speed - np.einsum("nij,nj->ni", jump, v - memory.rate)
         k = self.modes.count
-        state = np.concatenate([away, speed, lengths - memory.lengths, memory.deviation], axis=1)
+        state = np.concatenate([elastic, speed, lengths - memory.lengths, memory.deviation], axis=1)
         n, size = state.shape
         # One step: the deviation d of the lengths' rates kicks the speed, then the mechanism swings freely.
         inside, inlet = np.zeros((n, size, size)), np.zeros((n, size, m))
@@ -165,8 +165,8 @@ class Damping:
         by_l = slopes(lambda e: self.modes.place(rest, lengths + e), m, h * self.modes.scale)
 
         def turned(e: np.ndarray) -> np.ndarray:
-            away = self.modes.rest(lengths + e, branch) - rest
-            return np.asarray(np.arctan2(np.sin(away), np.cos(away)))
+            change = self.modes.rest(lengths + e, branch) - rest
+            return np.asarray(np.arctan2(np.sin(change), np.cos(change)))
 
         slope = slopes(turned, m, h * self.modes.scale)
         mass = np.stack([self.model.mass_matrix(row) for row in u])

@@ -28,8 +28,8 @@ def _blaming(name: str, method: str, what: str = "raised an error") -> Iterator[
     except Exception as error:
         frames = traceback.extract_tb(error.__traceback__)
         where = f"{Path(frames[-1].filename).name}, line {frames[-1].lineno}"
-        told = f"{type(error).__name__}: {error} ({where})"
-        raise ControllerError(f"controller {name!r}: {method} {what}: {told}") from error
+        reason = f"{type(error).__name__}: {error} ({where})"
+        raise ControllerError(f"controller {name!r}: {method} {what}: {reason}") from error
 
 
 def begin_episodes(controller: Controller, envs: Any, count: int) -> None:

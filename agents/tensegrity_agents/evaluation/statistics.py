@@ -84,7 +84,7 @@ def stratified_bootstrap(
 ) -> Estimate:
     """Percentile bootstrap of a statistic over training runs and episodes [Agarwal2021, section 4.1].
 
-    Every resample draws as many runs, and as many episodes, as there are, with replacement: whole rows and whole
+    Every resample takes as many runs, and as many episodes, as there are, with replacement: whole rows and whole
     columns of `scores`. All runs did share the episodes, and an episode that is hard for all of them is luck that all
     of them shared. (In the paper the tasks are fixed strata with runs of their own: only runs are drawn, for each task
     anew.) With few runs the interval is too narrow, as that of every bootstrap; one run says nothing of the spread
@@ -104,13 +104,10 @@ def stratified_bootstrap(
         ValueError: `scores` is not a finite, non-empty (runs, episodes) array, or confidence is outside (0, 1).
     """
     table = _runs_by_episodes("scores", scores)
-    runs, episodes = table.shape
     rng = np.random.default_rng(seed)
     values = np.empty(resamples)
-    rows: np.ndarray
-    columns: np.ndarray
     for k in range(resamples):
-        rows, columns = rng.integers(runs, size=runs), rng.integers(episodes, size=episodes)
+        rows, columns = (rng.integers(n, size=(n,)) for n in table.shape)
         values[k] = statistic(table[rows[:, None], columns])
     return _percentiles(float(statistic(table)), values, confidence)
 
@@ -147,7 +144,7 @@ def probability_of_improvement(
 
     As in [Agarwal2021, section 4.3]: the mean, over episodes j and all pairs of runs (i, k), of 1 where
     x[i, j] > y[k, j], 1/2 where they are equal, else 0: the Mann-Whitney statistic of every episode, averaged. Both
-    were given the same episodes, so a resample draws runs of X, runs of Y, and episodes common to both.
+    were given the same episodes, so a resample takes runs of X, runs of Y, and episodes common to both.
 
     Args:
         x: shape (runs of X, episodes).

@@ -197,7 +197,7 @@ def learning_curve(
             ("success", "success [%]", 100.0, AGENTS[0]),
             ("return", "return [-]", 1.0, BASELINES[0]),
         )
-        if any(np.isfinite(np.asarray(told.get(key, ()), float)).any() for told in (progress, quiet))
+        if any(np.isfinite(np.asarray(curve.get(key, ()), float)).any() for curve in (progress, quiet))
     ]
     figure = new_figure(7.2, 1.0 + 1.7 * max(len(panels_of), 1))
     panels = list(np.atleast_1d(figure.subplots(max(len(panels_of), 1), 1, sharex=True)))

@@ -152,7 +152,7 @@ def looks(kinds: Mapping[str, str]) -> dict[str, Look]:
 
 
 def length_unit(tolerance: float) -> tuple[str, float]:
-    """The unit in which errors are told where this is a good one, and how many there are in a metre."""
+    """The unit in which errors are given where this is a good one, and how many there are in a metre."""
     if tolerance >= 0.02:
         return "m", 1.0
     return ("mm", 1e3) if tolerance >= 2e-5 else ("µm", 1e6)

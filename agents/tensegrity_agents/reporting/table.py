@@ -20,7 +20,7 @@ from tensegrity_agents.evaluation.statistics import (
 
 Row = dict[str, Any]
 
-_LARGE = 3.0  # [m], the reach from which on errors are told in metres
+_LARGE = 3.0  # [m], the reach from which on errors are given in metres
 _NONE = "\N{EN DASH}"
 
 
@@ -353,14 +353,14 @@ def _compare(ours: Row, theirs: Row) -> tuple[str, str]:
     """How ours stands to theirs, and by how much: by the score where there is one, else by the success rate."""
     scores = [row.get("score", math.nan) for row in (ours, theirs)]
     if not any(math.isnan(score) for score in scores):
-        gap = scores[0] - scores[1]
-        if round(gap, 2) == 0:
+        lead = scores[0] - scores[1]
+        if round(lead, 2) == 0:
             return "is level with", f" in score ({scores[0]:.2f})"
-        by = f", by {abs(gap):.2f} in score ({scores[0]:.2f} against {scores[1]:.2f})"
+        by = f", by {abs(lead):.2f} in score ({scores[0]:.2f} against {scores[1]:.2f})"
         overlap = ours["score_low"] <= theirs["score_high"] and theirs["score_low"] <= ours["score_high"]
         if overlap:
-            return ("is ahead of" if gap > 0 else "is behind"), f"{by}; the 95% intervals overlap"
-        return ("beats" if gap > 0 else "loses to"), f"{by}; the 95% intervals do not overlap"
+            return ("is ahead of" if lead > 0 else "is behind"), f"{by}; the 95% intervals overlap"
+        return ("beats" if lead > 0 else "loses to"), f"{by}; the 95% intervals do not overlap"
     points = 100 * (ours["success"] - theirs["success"])
     if points == 0:
         return "is level with", ""

@@ -162,11 +162,11 @@ def _grid(panels: list[Image.Image], columns: int) -> Image.Image:
 
 
 def _moments(players: list[_Player]) -> list[int]:
-    """Four steps worth seeing: the start, two on the way until the last controller arrives, and the end."""
+    """Four steps worth seeing: the start, two until the last controller arrives, and the end."""
     last = len(players[0].film) - 1
     arrivals = [player.settled_since for player in players if player.on_target]
-    way = max(arrivals, default=last)
-    return [0, round(way / 3), round(2 * way / 3), last]
+    arrival = max(arrivals, default=last)
+    return [0, round(arrival / 3), round(2 * arrival / 3), last]
 
 
 def _palette(frames: list[Image.Image]) -> Image.Image:

@@ -141,7 +141,7 @@ def running_state(model: BaseAlgorithm, env: VecNormalize) -> dict[str, Any]:
 
 
 def go_on(state: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> None:
-    """Go on where `running_state` was told."""
+    """Go on where `running_state` was taken."""
     monitor, augmented, adapter = _parts(env)
     monitor.venv.reset()  # which makes what the states go into
     adapter.shell.set_state(state["environments"])

@@ -49,14 +49,14 @@ class CompleteEpisodes:
         self._waiting: list[tuple[float, ...]] = []  # a heap of (when it counts, environment, success, return, length)
 
     def add(self, dones: np.ndarray, infos: Sequence[dict[str, Any]]) -> None:
-        """A step of all environments, as Stable-Baselines3 tells it."""
+        """A step of all environments, as Stable-Baselines3 reports it."""
         self._step += 1
         for i in np.flatnonzero(dones).tolist():
             if not self._is_cut[i]:
-                told = infos[i]["episode"]
+                episode = infos[i]["episode"]
                 due = max(int(self._begun[i]) + self._limit, self._step)
                 success = float(infos[i].get("is_success", np.nan))
-                heapq.heappush(self._waiting, (float(due), float(i), success, float(told["r"]), float(told["l"])))
+                heapq.heappush(self._waiting, (float(due), float(i), success, float(episode["r"]), float(episode["l"])))
             self._is_cut[i] = False
             self._begun[i] = self._step
         while self._waiting and self._waiting[0][0] <= self._step:
@@ -80,7 +80,7 @@ class CompleteEpisodes:
         }
 
     def go_on(self, state: dict[str, Any]) -> None:
-        """Go on where `state` was told."""
+        """Go on where `state` was taken."""
         self._step, self._begun, self._is_cut = state["step"], state["begun"], state["is_cut"]
         self._waiting = [tuple(item) for item in state["waiting"]]
         self._latest.clear()

@@ -66,7 +66,7 @@ class TrainedPolicy:
     """A trained agent as a controller: takes the raw observation, and treats it as in training.
 
     Attributes:
-        knows: what it is told and measures, for tables.
+        knows: its information set in words, for tables.
         augmentations: what is appended to its observations before they are normalized, one after another.
     """
 

@@ -290,7 +290,7 @@ def critical_load_map(arm: DualTriangle) -> Figure:
 
 
 def numbers(arm: DualTriangle) -> dict[str, Any]:
-    """What the table tells."""
+    """The numbers of the table."""
     a, b, k, nominal = _symmetric(arm)
     segment = arm.segment
     loads = [float(load) for load in arm.straight_critical_loads()]

@@ -258,7 +258,7 @@ def energy_landscape(arm: PlanarFourBar, lengths: tuple[float, float]) -> Figure
 
 
 def numbers(arm: PlanarFourBar, workspaces: Mapping[str, Image]) -> dict[str, Any]:
-    """What the table tells."""
+    """The numbers of the table."""
     table: dict[str, Any] = {}
     for mode in ("rectangle", "paper", "flat"):
         lobes = (1, -1) if mode == "paper" else (0,)  # which touch in a point and have long cusps: a fine grid

@@ -266,7 +266,7 @@ def _draw_prism(axes: Axes, prism: SpatialPrism, q: Any, ghost: bool = False) ->
 
 
 def numbers(prism: SpatialPrism) -> dict[str, Any]:
-    """What the table tells."""
+    """The numbers of the table."""
     D, k = float(prism.design.D), float(prism.design.k)
     table: dict[str, Any] = {
         "c0: least mean square of the struts' lengths [m2]": float(prism.least_square),

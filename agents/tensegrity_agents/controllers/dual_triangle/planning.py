@@ -1,4 +1,4 @@
-"""Joint paths under a known tip load: postures that the inputs can hold stably, and ways from one to another.
+"""Joint paths under a known tip load: postures that the inputs can hold stably, and paths from one to another.
 
 A posture is valid if the control law holds it within the bounds of the inputs, inside the joint limits, with a positive
 definite stiffness matrix. Inside the valid set the control inputs are smooth coordinates of the posture, so the arm
@@ -127,10 +127,10 @@ class RoadMap:
         self.nodes = q[validity(arm, bound, q, load)[0] > _CLEARANCE][:_NODES]
 
     def path(self, start: np.ndarray, target: np.ndarray, rate: float) -> list[np.ndarray]:
-        """The way with the fewest steps from a posture (3,) to any posture of a target (2,) [m].
+        """The path with the fewest steps from a posture (3,) to any posture of a target (2,) [m].
 
         Returns:
-            Postures to visit one after another, the last one with the tip at the target; empty where there is no way.
+            Postures to visit one after another, the last one with the tip at the target; empty where there is no path.
         """
         arm, bound, load = self.arm, self.bound, self.load
         ends = postures(arm, target[None], 2 * POSTURES)[0]
@@ -160,11 +160,11 @@ class RoadMap:
         best = 1 + int(np.argmin(distance[0, 1:first]))
         if not np.isfinite(distance[0, best]):
             return []
-        way = []
+        path = []
         while best != 0:
-            way.append(points[best])
+            path.append(points[best])
             best = int(before[0, best])
-        return self._short_cuts([start, *way[::-1]])
+        return self._short_cuts([start, *path[::-1]])
 
     def _short_cuts(self, path: list[np.ndarray]) -> list[np.ndarray]:
         """Leave out every point that a straight valid line can skip."""
@@ -189,7 +189,7 @@ def schedule(
 
     Args:
         arm: nominal.
-        path: way points (k, 3) [rad], the first one where the arm is.
+        path: waypoints (k, 3) [rad], the first one where the arm is.
         load: shape (2,) [N].
         rate: largest change of an input in one step [m].
         steps: as many as there are.

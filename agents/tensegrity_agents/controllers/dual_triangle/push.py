@@ -111,7 +111,7 @@ class PushObserver(PushController):
 
     From the first change of the load it takes direction and growth, which it assumes to stay. The target's tolerance is
     used, too: the tip goes to the point within it that withstands most. In every step, of all combinations of a share
-    of the way along the curve and a share of the remaining stiffening, it takes one that the rates allow and that is
+    of the stride along the curve and a share of the remaining stiffening, it takes one that the rates allow and that is
     stable under the load to come.
     """
 

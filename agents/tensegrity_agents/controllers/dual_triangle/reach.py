@@ -30,7 +30,7 @@ class Memory(NamedTuple):
         least: distance of the tip from the target since the last new start, shape (n,) [m].
         waited: steps in which it did not fall, shape (n,).
         restart_at: posture that is tried next, shape (n, 3) [rad].
-        crossing: whether the arm is on its way there, shape (n,).
+        crossing: whether the arm is moving there, shape (n,).
     """
 
     plan: np.ndarray

@@ -70,7 +70,7 @@ def _held(
 def hold(
     arm: DualTriangle, bounds: tuple[float, float], q: Any, load: Any, common: Any = (0.0, 0.0, 0.0), share: Any = 1.0
 ) -> Held:
-    """The free lengths that hold postures under loads, on the way from given common parts to the stiffest ones.
+    """The free lengths that hold postures under loads, between given common parts and the stiffest ones.
 
     Args:
         arm: nominal.
@@ -78,7 +78,7 @@ def hold(
         q: three angles [rad], arrays of one shape.
         load: (fx, fy) [N]; broadcasts.
         common: what is common to the free lengths of each segment now, beyond the nominal ones, three of them [m].
-        share: of the way from there to the stiffest ones that is taken; by default all of it.
+        share: how far from there to the stiffest ones they are; by default all of it.
     """
     shape = np.broadcast_shapes(*(np.shape(v) for v in (*q, *load)), np.shape(share))
     flat = [np.broadcast_to(np.asarray(v, float), shape).ravel() for v in (*q, *load, *common, share)]

@@ -5,7 +5,7 @@ from typing import Any, cast
 import numpy as np
 
 from tensegrity_agents.controllers.base import Observation
-from tensegrity_agents.controllers.planar_four_bar.planning import way_points
+from tensegrity_agents.controllers.planar_four_bar.planning import waypoints
 from tensegrity_agents.controllers.planar_four_bar.reading import (
     configuration,
     force_across,
@@ -38,7 +38,7 @@ class Features:
         self.core, self.nominal, self.rate = core, core.nominal, core.simulation.rate
         self.margin = core.sampler.safe_margin
         self.obstacle = cast(InputReach, core.task).obstacle
-        self.places = way_points(core.nominal, _PLACES)
+        self.places = waypoints(core.nominal, _PLACES)
         tips = [np.stack(core.nominal.rectangle(tuple(self.places.T), side)[1], axis=1) for side in (1.0, -1.0)]
         self.tips = np.stack(tips)
 
@@ -97,8 +97,8 @@ class Features:
         """Actuator lengths to go to, shape (n, 2) [m]."""
         found, sides, exists = rectangles(self.nominal, *observed.target.T)
         fits = exists & (sides == here) & is_open(self.nominal, tuple(found), self.margin)
-        way, _ = shortest_way(tuple(observed.actuator_lengths.T), tuple(found), self.obstacle)
-        nearest = np.where(fits, way, np.inf).argmin(axis=0)
+        length, _ = shortest_way(tuple(observed.actuator_lengths.T), tuple(found), self.obstacle)
+        nearest = np.where(fits, length, np.inf).argmin(axis=0)
         end: np.ndarray = found[:, nearest, np.arange(len(nearest))].T
         none = np.flatnonzero(~fits.any(axis=0))
         tips = self.tips[np.where(here[none] > 0, 0, 1)]

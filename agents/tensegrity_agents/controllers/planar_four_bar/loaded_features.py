@@ -31,7 +31,7 @@ class Memory(NamedTuple):
         evidence: see `reading.with_posture`, (n, 2) [N].
         load: for which the ends were found, (n, 2) [N]; NaN for none.
         ends: actuator lengths that hold the target, (n, 8, 2) [m]; infinite where there are fewer.
-        far: what to add to the way to an end to which the way does not lead in the nominal model, (n, 8) [m].
+        far: what to add to the path to an end to which it does not lead in the nominal model, (n, 8) [m].
     """
 
     information: np.ndarray
@@ -89,7 +89,7 @@ class LoadedFeatures(Features):
         return np.concatenate(columns, axis=1), Memory(information, evidence, found_for, places, far)
 
     def _ends(self, observed: DecodedObservation, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Actuator lengths (n, 8, 2) [m] that hold the target, and what to add to the way there (n, 8) [m]."""
+        """Actuator lengths (n, 8, 2) [m] that hold the target, and what to add to the path there (n, 8) [m]."""
         nominal, simulation = self.nominal, cast(LoadedLengthControl, self.core.simulation)
         low, high = simulation.bounds(nominal)
         owner, lengths = ends(nominal, observed.target, load, (float(low), float(high)))
@@ -109,7 +109,7 @@ class LoadedFeatures(Features):
         kept = rank < _PLACES
         found, far = np.full((len(load), _PLACES, 2), np.inf), np.zeros((len(load), _PLACES))
         found[owner[kept], rank[kept]] = lengths[kept]
-        far[owner[kept], rank[kept]] = np.where(leads[kept], 0.0, 10 * float(nominal.length))  # more than all ways
+        far[owner[kept], rank[kept]] = np.where(leads[kept], 0.0, 10 * float(nominal.length))  # more than all paths
         return found, far
 
     def _nearest(
@@ -119,8 +119,8 @@ class LoadedFeatures(Features):
         exists = np.isfinite(places[:, :, 0])
         somewhere = np.where(exists[:, :, None], places, 0.0)
         start = tuple(observed.actuator_lengths.T[:, :, None])
-        way, _ = shortest_way(start, tuple(np.moveaxis(somewhere, 2, 0)), self.obstacle)
-        end: np.ndarray = somewhere[np.arange(len(here)), np.where(exists, way + far, np.inf).argmin(axis=1)]
+        length, _ = shortest_way(start, tuple(np.moveaxis(somewhere, 2, 0)), self.obstacle)
+        end: np.ndarray = somewhere[np.arange(len(here)), np.where(exists, length + far, np.inf).argmin(axis=1)]
         none = np.flatnonzero(~exists.any(axis=1))
         if len(none):
             end[none] = self._end(observed.take(none), here[none])

@@ -21,8 +21,8 @@ class FourBarModes:
         """See `Modes`; the branch is the side of CD."""
         w = observed.joint_angles
         branch = np.asarray(side_of_diagonals(tuple(w.T)))
-        away = w - self.rest(lengths, branch)
-        return np.arctan2(np.sin(away), np.cos(away)), observed.joint_rates[:, 2:], branch
+        elastic = w - self.rest(lengths, branch)
+        return np.arctan2(np.sin(elastic), np.cos(elastic)), observed.joint_rates[:, 2:], branch
 
     def rest(self, lengths: np.ndarray, branch: np.ndarray) -> np.ndarray:
         """See `Modes`."""

@@ -1,6 +1,6 @@
-"""Ways of the actuator lengths to a target that the mechanism can follow on its branch, known force or none.
+"""Paths of the actuator lengths to a target that the mechanism can follow on its branch, known force or none.
 
-A way has two way points and an end. The straight ways to all inverse solutions are tried, and those by way points from
+A path has two waypoints and an end. The straight paths to all inverse solutions are tried, and those by waypoints from
 a fixed table; each is followed in the nominal model. Of those that arrive, the one with the fewest steps is taken.
 """
 
@@ -19,12 +19,12 @@ from tensegrity_envs.simulation.actuator_lengths import LEAST_STIFFNESS, wrench_
 LEGS = 3
 _SAMPLES = np.linspace(0.0, 1.0, 25)
 _RESOLUTION = 1 / 512  # of `follow`, as in the simulation
-_ROUNDING = 1e-4  # of targets, which are told in single precision, makes so much of a length [m]
+_ROUNDING = 1e-4  # of targets, which are in single precision, makes so much of a length [m]
 _ENOUGH = 0.1  # stability margin beyond which only the length counts
-_HURRY = 40.0  # steps that a way may be longer for having this margin instead of none
+_HURRY = 40.0  # steps that a path may be longer for having this margin instead of none
 
 
-def way_points(mechanism: PlanarFourBar, count: int, seed: int = 0) -> np.ndarray:
+def waypoints(mechanism: PlanarFourBar, count: int, seed: int = 0) -> np.ndarray:
     """Actuator lengths (count, 2) [m], uniform over those at which rectangles are stable."""
     found = np.random.default_rng(seed).uniform(0.0, 2 * float(mechanism.length), (20 * count, 2))
     square, rest = mechanism.flatness(tuple(found.T))
@@ -36,7 +36,7 @@ def _trip(
 ) -> tuple[Components, Component, Component]:
     """Follow a state along straight legs between actuator lengths.
 
-    Returns the tip at the end, how much of the way was covered, and the least of the stability and wrench margins at
+    Returns the tip at the end, how much of the path was covered, and the least of the stability and wrench margins at
     the ends of the legs.
     """
     mechanism = PlanarFourBar(design)
@@ -58,16 +58,16 @@ def _trip(
 def trips(
     mechanism: PlanarFourBar, q: np.ndarray, points: np.ndarray, load: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where ways lead, and how safely.
+    """Where paths lead, and how safely.
 
     Args:
         mechanism: nominal.
         q: configurations at the start, shape (m, 2) [rad].
-        points: actuator lengths of the start, the way points and the end, shape (m, LEGS + 1, 2) [m].
+        points: actuator lengths of the start, the waypoints and the end, shape (m, LEGS + 1, 2) [m].
         load: shape (m, 2) [N].
 
     Returns:
-        Tips (m, 2) [m], and margins (m,), negative where the mechanism snaps or exceeds its thrusts on the way.
+        Tips (m, 2) [m], and margins (m,), negative where the mechanism snaps or exceeds its thrusts underway.
     """
     if not len(q):
         return np.zeros((0, 2)), np.zeros(0)
@@ -77,7 +77,7 @@ def trips(
     columns = tuple(tuple(np.ascontiguousarray(halves[:, k, i]) for i in range(2)) for k in range(2 * LEGS + 1))
     start, force = (tuple(np.ascontiguousarray(v.T)) for v in (q, load))
     tip, covered, margin = evaluate(_trip, mechanism.design, start, columns, force)
-    # An unloaded rectangle also has to keep away from where C and D coincide, and from being flat.
+    # An unloaded rectangle also must not come near where C and D coincide, and from being flat.
     still = ~load.any(axis=1)
     if still.any():
         legs = points[still]
@@ -122,7 +122,7 @@ def plan(
     bounds: tuple[float, float],
     tolerance: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best way for each of n environments.
+    """The best path for each of n environments.
 
     Args:
         mechanism: nominal.
@@ -130,20 +130,20 @@ def plan(
         start: actuator lengths, shape (n, 2) [m].
         target: shape (n, 2) [m].
         load: shape (n, 2) [N].
-        table: pairs of way points that may be taken, shape (k, 2, 2) [m].
+        table: pairs of waypoints that may be taken, shape (k, 2, 2) [m].
         rate: largest change of a length in a step [m].
         bounds: of the lengths [m].
         tolerance: of arriving [m].
 
     Returns:
-        Way points and end, shape (n, LEGS, 2) [m], and whether they lead to the target (n,); where nothing does, the
+        Waypoints and end, shape (n, LEGS, 2) [m], and whether they lead to the target (n,); where nothing does, the
         lengths of the start.
     """
     n = len(q)
     owner, goal = ends(mechanism, target, load, bounds)
     best = np.repeat(start[:, None], LEGS, axis=1)
     cost = np.full(n, np.inf)
-    # The straight ways first; ways round only for those that have none.
+    # The straight paths first; paths round obstacles only for those that have none.
     for vias in (None, table):
         open_ = ~np.isfinite(cost)
         mine = np.flatnonzero(open_[owner])

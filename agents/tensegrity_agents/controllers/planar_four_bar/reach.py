@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController
-from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, way_points
+from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, waypoints
 from tensegrity_agents.controllers.planar_four_bar.reading import (
     NOTICEABLE,
     configuration,
@@ -59,7 +59,7 @@ class ReachController(AnalyticController[Memory]):
     def _take(self, design: PlanarFourBarDesign) -> None:
         super()._take(design)
         self.bounds = self.input_bounds()
-        points = way_points(self.nominal, 40)
+        points = waypoints(self.nominal, 40)
         pairs = np.stack([np.repeat(points[:24], 24, axis=0), np.tile(points[:24], (24, 1))], axis=1)
         self.table = np.concatenate([np.repeat(points[:, None], 2, axis=1), pairs[::3]])
 
