@@ -44,7 +44,7 @@ class Sampled(NamedTuple):
     """A batch of n sampled episodes and their initial states; components of shape (n,).
 
     Attributes:
-        episode: what stays the same.
+        episode: what stays the same during an episode.
         configuration: at the start [rad].
         inputs: at the start, or None for the usual ones.
     """
@@ -62,8 +62,8 @@ class Outcome(NamedTuple):
         observation: components of the "observation" entry, each within [-1, 1].
         achieved: tip position as a float32 number [m].
         desired: the goal at this moment, as a float32 number [m].
-        reward: of the step, a float32 number.
-        info: by name, numbers or vectors; that of the state itself comes on top, see `Core.info_entries`.
+        reward: the reward of the step, a float32 number.
+        info: numbers or vectors by name; those of the state itself come on top, see `Core.info_entries`.
     """
 
     state: State
@@ -225,7 +225,7 @@ class Core(ABC):
         episode), so this rebuilds the part of the episode on which the reward depends.
 
         Args:
-            info: of the steps, arrays of shape (n, ...): every key of `hidden_info_keys`, and "random_<name>" for
+            info: arrays of shape (n, ...), of the steps: every key of `hidden_info_keys`, and "random_<name>" for
                 whatever is randomized.
             goal: the other goals, at rest, components of shape (n,).
         """
@@ -253,7 +253,7 @@ class Core(ABC):
         """Take what all constructors do alike: the nominal design, what is observed, what is randomized.
 
         Args:
-            options: that were given.
+            options: the options that were given.
             applicable: names of what may be randomized.
             where: the environment, for messages, such as "a quasi_static 2-X arm".
 
@@ -403,7 +403,7 @@ class Core(ABC):
 
     @property
     def episodes(self) -> Schema:
-        """Of a matrix of episodes."""
+        """The schema of a matrix of episodes."""
         return self._sampled_schemas[0]
 
     @cached_property
@@ -412,12 +412,12 @@ class Core(ABC):
 
     @property
     def outcomes(self) -> Schema:
-        """Of a matrix of outcomes."""
+        """The schema of a matrix of outcomes."""
         return self._begin.result
 
     @cached_property
     def states(self) -> Schema:
-        """Of a matrix of states: the first rows of a matrix of outcomes."""
+        """The schema of a matrix of states, which are the first rows of a matrix of outcomes."""
         return Schema(self.outcomes.rows.state, is_row, lambda row: row.kind)
 
     @cached_property
@@ -633,8 +633,8 @@ class Core(ABC):
         """Infos as one dict of arrays.
 
         Args:
-            info: of one step, a dict; of several, a sequence of dicts or a dict of arrays.
-            count: how many there are; None for one without a batch.
+            info: a dict for one step; a sequence of dicts or a dict of arrays for several.
+            count: the number of steps; None for one without a batch.
             keys: the entries that are needed.
 
         Raises:

@@ -63,7 +63,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         self._viewer: Viewer | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but the window, which belongs to its process."""
+        """The state of a copy: all but the window, which belongs to its process."""
         return self.__dict__ | {"_viewer": None}
 
     @property

@@ -11,7 +11,7 @@ class Meaning(NamedTuple):
     """What an entry of `info` means.
 
     Attributes:
-        unit: of its numbers; "-" where they have none.
+        unit: the unit of its numbers; "-" where they have none.
         text: one line.
     """
 

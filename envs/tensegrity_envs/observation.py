@@ -56,13 +56,13 @@ class Divided:
         return self.scale * numbers
 
     def __str__(self) -> str:
-        """In words, for tables."""
+        """A text for tables."""
         return f"x / {float(self.scale):.5g}"
 
 
 @dataclass(frozen=True)
 class Between:
-    """From -1 at the lowest to 1 at the highest value.
+    """A scale from -1 at the lowest to 1 at the highest value.
 
     Attributes:
         low: lowest value, in the field's unit.
@@ -82,7 +82,7 @@ class Between:
         return np.asarray((numbers * (self.high - self.low) + self.high + self.low) / 2)
 
     def __str__(self) -> str:
-        """In words, for tables."""
+        """A text for tables."""
         return f"-1 at {float(self.low):.5g}, 1 at {float(self.high):.5g}"
 
 
@@ -102,7 +102,7 @@ class SineAndCosine:
         return np.asarray(np.arctan2(numbers[:, 0::2], numbers[:, 1::2]))
 
     def __str__(self) -> str:
-        """In words, for tables."""
+        """A text for tables."""
         return "sin x, cos x"
 
 
@@ -128,7 +128,7 @@ class Softsign:
         return np.asarray(scaled / np.maximum(1 - np.abs(numbers), _SMALLEST))
 
     def __str__(self) -> str:
-        """In words, for tables."""
+        """A text for tables."""
         return "x / (1 + |x|)" if self.scale is None else f"v / (1 + |v|), v = x / {float(self.scale):.5g}"
 
 
@@ -154,7 +154,7 @@ class SoftsignRate:
         return np.asarray(rates if self.length is None else rates * self.length)
 
     def __str__(self) -> str:
-        """In words, for tables."""
+        """A text for tables."""
         length = "" if self.length is None else f" / {float(self.length):.5g}"
         return f"v / (1 + |v|), v = {_RATE_SCALE:g} x{length}"
 
@@ -166,9 +166,9 @@ class Field:
     Attributes:
         name: under which controllers find it.
         values: the quantity in SI units: a function of state and episode, component code.
-        size: how many components it has; None for a single number, which is decoded to shape (n,).
-        scaling: of its components.
-        unit: of its components, such as "m".
+        size: the number of its components; None for a single number, which is decoded to shape (n,).
+        scaling: how each component becomes numbers within [-1, 1].
+        unit: the unit of the components, such as "m".
         meaning: what it is, for tables.
     """
 
@@ -240,9 +240,9 @@ class ObservationSchema:
         inputs: name of the field that holds the inputs; empty where there is none.
 
     Attributes:
-        fields: by name.
+        fields: the fields by name.
         places: which numbers of the observation each of them takes, by name.
-        size: how many numbers there are.
+        size: the number of numbers in an observation.
     """
 
     def __init__(self, fields: Sequence[Field], goal: str = "tip", inputs: str = "") -> None:
@@ -263,8 +263,8 @@ class ObservationSchema:
         """Observations in SI units.
 
         Args:
-            observation: of an environment: "observation" of shape (n, size), "achieved_goal" and "desired_goal" of
-                shape (n, goal size).
+            observation: a batch of observations: "observation" of shape (n, size), "achieved_goal" and "desired_goal"
+                of shape (n, goal size).
 
         Raises:
             ValueError: the entry "observation" has another shape.
@@ -284,8 +284,8 @@ class ObservationSchema:
 
         Args:
             observation: as for `decode`.
-            name: of the field, or "inputs".
-            values: of the field in SI units, shape (n, size).
+            name: the field's name, or "inputs".
+            values: its values in SI units, shape (n, size).
         """
         name = self._inputs if name == "inputs" else name
         vector = np.array(observation["observation"], float)
@@ -355,7 +355,7 @@ def arm_fields(
         mechanism: nominal.
         reach: upper bound of the tip's distance from the base [m].
         inputs: see `inputs_field`.
-        joints: how many joint angles there are.
+        joints: the number of joint angles.
         is_full: whether joint angles and margins are observed.
         velocities: whether velocities are: of the joints, or, without full observability, of the tip.
     """

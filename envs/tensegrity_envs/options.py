@@ -105,9 +105,9 @@ class Options:
         """The arguments that all tasks share.
 
         Args:
-            weights: by default.
-            tolerance: of the published design [m].
-            scale: how many times as large as the published design this one is.
+            weights: the default weights.
+            tolerance: the default tolerance at the published size [m].
+            scale: the size of this design, divided by that of the published one.
         """
         return {
             "tolerance": tolerance * float(scale) if self.tolerance is None else self.tolerance,
@@ -184,8 +184,8 @@ def check_names(core: type, names: Iterable[str], known: Iterable[str] | None = 
 
     Args:
         core: a class.
-        names: of options.
-        known: of those that there are; by default those in its signature.
+        names: the names of options that were given.
+        known: the names that there are; by default those in its signature.
 
     Raises:
         TypeError: it has no such option; the message says what there is.

@@ -70,10 +70,10 @@ class Randomization:
     def given(
         cls, randomization: "Mapping[str, Any] | Randomization | None", applicable: Collection[str], where: str
     ) -> "Randomization":
-        """From names and ranges.
+        """The randomization of names and ranges.
 
         Args:
-            randomization: by name, or None for none.
+            randomization: ranges by name, or None for none.
             applicable: names of the quantities that the environment has.
             where: the environment, for the message.
 

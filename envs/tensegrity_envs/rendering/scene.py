@@ -22,7 +22,7 @@ class Scene:
     Attributes:
         nodes: positions (x, y) of the named nodes [m].
         members: bars, springs, cables and actuators between them; the order is that of drawing within a kind.
-        tensions: of cables, springs and actuators, by member name [N]; a cable or actuator without one is grey.
+        tensions: forces of cables, springs and actuators, by member name [N]; a cable or actuator without one is grey.
         tension_bounds: the ends of the colour scale [N].
         tip: position of the end-effector [m].
         target: position of the goal [m], or None.
@@ -65,7 +65,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class View:
-    """Where the world is in the picture: `reach` [m] and a small rim around the centre, below a strip for the caption.
+    """The place of the world in the picture: `reach` [m] and a rim around the centre, below a strip for the caption.
 
     Attributes:
         size: width and height of the picture [pixels].

@@ -16,7 +16,7 @@ _UP, _FLAT = math.sin(_ELEVATION), math.cos(_ELEVATION)
 
 
 def flatten(place: Place) -> tuple[float, float]:
-    """To the right and up in the picture [m], of a vector in space."""
+    """The components of a vector in space to the right and up in the picture [m]."""
     x, y, z = (float(component) for component in place)
     return -_S * x + _C * y, _FLAT * z - _UP * (_C * x + _S * y)
 

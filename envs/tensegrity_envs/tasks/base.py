@@ -21,7 +21,7 @@ class Task(ABC):
         tolerance: the goal is reached within this distance [m or rad].
         reward_type: "dense" or "sparse".
         input_scale: scale of the effort [N or m].
-        weights: of the dense reward; each task has its own.
+        weights: the weights of the dense reward; each task has its own.
         info_meanings: unit and meaning of the entries of `info` that `metrics` adds.
     """
 

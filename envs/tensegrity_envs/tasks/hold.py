@@ -19,7 +19,7 @@ class Hold(Task):
 
     Attributes:
         reference_load: the force that counts as 1 [N].
-        weights: of the dense reward.
+        weights: the weights of the dense reward.
     """
 
     goals_decide = False

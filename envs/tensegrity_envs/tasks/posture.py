@@ -15,7 +15,7 @@ class Posture(Task):
     Attributes:
         span: scale of the joint distance [rad].
         margin: scale of the singularity margin: at which the term is full [-].
-        weights: of the dense reward.
+        weights: the weights of the dense reward.
     """
 
     span: float

@@ -15,7 +15,7 @@ class Reach(Task):
 
     Attributes:
         joint_span: scale of the distance from a solution.
-        weights: of the dense reward.
+        weights: the weights of the dense reward.
     """
 
     joint_span: float
@@ -60,7 +60,7 @@ class InputReach(Reach):
     """Reaching where the solutions of an episode are two inputs, and `joint_span` is a scale of inputs.
 
     Attributes:
-        obstacle: in the plane of the inputs, which the path to a solution leads round.
+        obstacle: the disc in the plane of the inputs round which the path to a solution leads.
     """
 
     obstacle: Disc

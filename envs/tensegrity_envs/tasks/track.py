@@ -18,8 +18,8 @@ class Track(Task):
 
     Attributes:
         cycle: steps of a cycle.
-        cycles: how many there are.
-        weights: of the dense reward.
+        cycles: the number of cycles.
+        weights: the weights of the dense reward.
     """
 
     info_meanings: ClassVar[dict[str, tuple[str, str]]] = {

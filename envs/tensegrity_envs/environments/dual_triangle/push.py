@@ -27,7 +27,7 @@ class DualTrianglePush(DualTriangleCore):
 
     Args:
         load_per_step: how much the force grows in a step, divided by k b.
-        design: of the arm, by default ZHAO2021_CAPTION; its springs must be bilateral. See
+        design: the design, by default ZHAO2021_CAPTION; its springs must be bilateral. See
             `mechanics.designs.resolve_design`.
         tolerance: the episode ends beyond this distance [m]; by default 6 mm at the published size, growing with it.
         randomization: there is nothing to randomize yet: None.

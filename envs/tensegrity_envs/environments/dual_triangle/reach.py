@@ -22,8 +22,8 @@ class DualTriangleReach(DualTriangleCore):
     Args:
         load_range: if given, every episode has an unknown tip force, of a size within this range (times the straight
             arm's critical load) and in any direction.
-        design: of the arm that controllers are told about, by default ZHAO2021_CAPTION; a mapping of some fields or
-            the name of a published one will do, see `mechanics.designs.resolve_design`.
+        design: the design that controllers know, by default ZHAO2021_CAPTION; a mapping of some of its fields or the
+            name of a published design will do, see `mechanics.designs.resolve_design`.
         tolerance: success within this distance [m]; by default 3 mm at the published size, growing with the reach.
         dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`. By default its
             own, but for ten time steps of 2 ms in a step.

@@ -50,8 +50,8 @@ class PlanarFourBarReach(Core):
     Args:
         load_range: if given, every episode has an unknown constant force on F, of a size within this range (times
             K L) and in any direction.
-        design: of the mechanism that controllers are told about, by default JI2014; a mapping of some fields or the
-            name of a published one will do, see `mechanics.designs.resolve_design`.
+        design: the design that controllers know, by default JI2014; a mapping of some of its fields or the name of a
+            published design will do, see `mechanics.designs.resolve_design`.
         reward_weights: weights of the dense reward, by name; those left out keep their default, but for effort, which
             is 0: an actuator's length is no effort.
         tolerance: success within this distance [m]; by default 5 cm for bars of 10 m, growing with them.
@@ -101,7 +101,7 @@ class PlanarFourBarReach(Core):
         self.set_spaces()
 
     def tip_region(self) -> Any:
-        """In stable rectangles; see `Core.tip_region`."""
+        """The tips of stable rectangles; see `Core.tip_region`."""
         from tensegrity_envs.mechanics.planar_four_bar.workspace import output_workspace  # loads Shapely
 
         return output_workspace(self.nominal).reachable

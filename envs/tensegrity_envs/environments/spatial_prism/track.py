@@ -45,8 +45,8 @@ class SpatialPrismTrack(Core):
             unannounced moment, from a tenth to nine tenths of the first cycle.
         trajectory: "mixed", "random", or one of [Jahromy]'s two, "eq31" or "eq32"; see `Sampler`.
         cycle: steps of a cycle.
-        design: of the prism that controllers are told about, by default JAHROMY; a mapping of some fields or the name
-            of a published one will do, see `mechanics.designs.resolve_design`.
+        design: the design that controllers know, by default JAHROMY; a mapping of some of its fields or the name of a
+            published design will do, see `mechanics.designs.resolve_design`.
         observe: "full", or "tip_and_inputs" (no orientation, no margins).
         tolerance: success within this distance all through the second cycle [m]; by default 2 mm at the published
             size, growing with D.
@@ -150,7 +150,7 @@ class SpatialPrismTrack(Core):
         return fields
 
     def _look_ahead(self, steps: int) -> Field:
-        """Where the goal will be, seen from the tip, in steps at full rate."""
+        """The vector from the tip to the place where the goal will be, scaled by what a tip at full rate covers."""
 
         def way(state: State, episode: Episode) -> Components:
             goal = episode.goal_at(state.time + steps)

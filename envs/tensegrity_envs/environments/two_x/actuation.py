@@ -58,6 +58,6 @@ class JointPaths:
 
 
 def _wrapped(xp: Namespace, alpha: Component) -> Component:
-    """Into (-2 pi, 2 pi], for angles at most one turn beyond."""
+    """The same angle in (-2 pi, 2 pi], for angles at most one turn beyond."""
     alpha = xp.where(alpha > FULL_TURN / 2, alpha - FULL_TURN, alpha)
     return xp.where(alpha <= -FULL_TURN / 2, alpha + FULL_TURN, alpha)

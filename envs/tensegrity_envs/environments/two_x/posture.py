@@ -33,7 +33,7 @@ def _aspects_of(design: TwoXDesign) -> tuple[np.ndarray, tuple[np.ndarray, np.nd
 
 
 class TwoXPostureChange(TwoXRegions, Core):
-    """From one inverse solution to another one of the same tip position, in the same aspect, around the cusps.
+    """The plain 2-X moves from one inverse solution to another of the same tip and aspect, around the cusps.
 
     The goal is a configuration (theta_1, theta_2), theta = alpha / 2 on the torus (-pi, pi]. An episode ends where
     |det J| (with respect to theta) falls below a thousandth of L^2 or changes its sign. `info` tells the distance to

@@ -33,9 +33,9 @@ class TwoXReach(TwoXRegions, Core):
         control: "joint" (two increments of at most 0.1 rad) or "tension" (four of at most 15 N).
         payload_range: if given, every episode has an unknown payload from it [kg], uniformly; it may be given in
             `randomization` instead.
-        design: of the arm that controllers are told about, by default MURALIDHARAN2022; a mapping of some fields or
-            the name of a published one will do, see `mechanics.designs.resolve_design`. Joint limits beyond 2.6 rad
-            are narrowed to that.
+        design: the design that controllers know, by default MURALIDHARAN2022; a mapping of some of its fields or the
+            name of a published design will do, see `mechanics.designs.resolve_design`. Joint limits beyond 2.6 rad are
+            narrowed to that.
         tolerance: success within this distance [m]; by default 5 mm at the published size, growing with the reach.
         backend: "quasi_static", or "mujoco" for dynamics (tension control only).
 
