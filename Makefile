@@ -1,11 +1,12 @@
 # make compare [ENV=TwoXReach-v0]   the main job: train, compare, report          make test    the tests; make test-all   more of them
 # make check                        ruff, formatting, mypy                        make bench   speeds, as ratios
 # make analyze                      the papers' figures, regions, numbers            make film    the film in README
+# make docs                         the site, notebooks run: docs/_build/html/index.html
 ENV ?= TwoXReach-v0
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: compare test test-all check bench analyze film install clean
+.PHONY: compare test test-all check bench analyze film docs install clean
 
 compare: .venv/installed
 	$(BIN)/python scripts/compare.py --env $(ENV)
@@ -35,6 +36,9 @@ film: .venv/installed
 	$(BIN)/python scripts/compare.py --env TwoXReach-v0
 	cp results/TwoXReach-v0/side_by_side.gif docs/pictures/side_by_side.gif
 
+docs: .venv/docs-installed
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+
 install: .venv/installed
 
 .venv/installed: pyproject.toml constraints.txt
@@ -42,5 +46,9 @@ install: .venv/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[agents,mujoco,dev]"
 	@touch $@
 
+.venv/docs-installed: .venv/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
+	@touch $@
+
 clean:
-	rm -rf .venv results
+	rm -rf .venv results docs/_build docs/api/envs docs/api/agents

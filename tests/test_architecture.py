@@ -38,6 +38,7 @@ AGENTS = ROOT / "agents" / "tensegrity_agents"
 AGENT_LAYERS = [
     "interrupt",
     "yaml_file",
+    "web_page",
     "own_modules",
     "env_options",
     "controllers",

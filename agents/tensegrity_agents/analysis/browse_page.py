@@ -4,13 +4,14 @@ No script or data is loaded from anywhere. What is shown at a point has been com
 equation; the 2-X has a page that solves its inverse kinematics at every point (`analysis.two_x.page`).
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from tensegrity_agents.web_page import as_data, as_text, write_page
 
 
 @dataclass(frozen=True)
@@ -95,11 +96,7 @@ def write_browse_page(
             for sample in samples
         ],
     }
-    template = Path(__file__).with_name("browse_page.html").read_text()
-    text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
-    safe = title.replace("&", "&amp;").replace("<", "&lt;")
-    path.write_text(template.replace("__TITLE__", safe).replace("__DATA__", text))
-    return path
+    return write_page(path, Path(__file__).with_name("browse_page.html"), TITLE=as_text(title), DATA=as_data(data))
 
 
 def members_of(nodes: Any, members: Sequence[Any]) -> list[tuple[str, np.ndarray]]:

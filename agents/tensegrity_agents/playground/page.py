@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_agents.web_page import as_data, as_text, write_page
 from tensegrity_envs.compiler.javascript import function
 
 HERE = Path(__file__).parent
@@ -119,20 +120,15 @@ def write_playground(playground: Playground, path: Path) -> Path:
     Returns:
         The path.
     """
-    settings = json.dumps(playground.settings()).replace("</", "<\\/")
-    parts = {
-        "TITLE": _escaped(playground.title),
-        "ABOUT": _escaped(playground.about),
-        "SETTINGS": settings,
-        "SOLVER": playground.solver(),
-        "VIEW": _text("view.js"),
-    }
-    page = _text("page.html")
-    for name, text in parts.items():
-        page = page.replace(f"__{name}__", text)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page, encoding="utf-8")
-    return path
+    return write_page(
+        path,
+        HERE / "page.html",
+        TITLE=as_text(playground.title),
+        ABOUT=as_text(playground.about),
+        SETTINGS=as_data(playground.settings()),
+        SOLVER=playground.solver(),
+        VIEW=_text("view.js"),
+    )
 
 
 def varying(design: Any, *names: str) -> Any:
@@ -156,7 +152,3 @@ def members_of(mechanism: Any, kinds: Sequence[str] = ("bar", "spring", "cable",
 
 def _text(name: str) -> str:
     return (HERE / name).read_text(encoding="utf-8")
-
-
-def _escaped(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;")

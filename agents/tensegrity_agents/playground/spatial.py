@@ -47,7 +47,7 @@ SPATIAL_PRISM = Playground(
     main=Plane(("x [m]", "y [m]"), (-1.6 * _D, -1.6 * _D, 1.6 * _D, 1.6 * _D), "", project=(0, 1)),
     second=Plane(
         ("x [m]", "z [m]"), (-1.6 * _D, -0.2 * _D, 1.6 * _D, 2.6 * _D),
-        "The same from the side; the workspace on the left is the section at this height z. Drag here, too.",
+        "The same from the side; the workspace is the section at this height z. Drag here, too.",
         project=(0, 2),
     ),
     start=(0.2 * _D, 0.1 * _D),

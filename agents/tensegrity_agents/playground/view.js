@@ -1,5 +1,5 @@
 // Plots, sliders and the table; what is shown comes from MECHANISM.
-const S = JSON.parse(document.getElementById("settings").textContent), NS = "http://www.w3.org/2000/svg";
+const S = JSON.parse(document.getElementById("settings").textContent);
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#882255", "#7a7a00", "#332288", "#0096c7"];
 const GRIDS = [20, 120];  // cells along the longer axis: at once, and when there is time
 const element = id => document.getElementById(id);
@@ -8,20 +8,6 @@ let inputs;
 function begin() {
   inputs = {target: [...S.start], design: {...S.design}, load: [], extra: {}};
   for (const slider of S.sliders) for (const key of slider.keys) inputs[slider.group][key] = slider.value;
-}
-function draw(parent, tag, attributes, text) {
-  const made = document.createElementNS(NS, tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  if (text !== undefined) made.textContent = text;
-  parent.appendChild(made);
-  return made;
-}
-// Ticks at round numbers: 1, 2 or 5 times a power of ten.
-function ticks(low, high, count) {
-  const rough = (high - low) / count, decade = 10 ** Math.floor(Math.log10(rough)), step = [1, 2, 5, 10].map(m => m * decade).find(s => s >= rough);
-  const found = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(+(k * step).toPrecision(12));
-  return found;
 }
 function shown(value) {
   if (!Number.isFinite(value)) return Number.isNaN(value) ? "–" : "∞";

@@ -6,7 +6,6 @@ its own. So it knows no equation of the mechanism, only how a serial chain is pu
 """
 
 import base64
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from tensegrity_agents import web_page
 from tensegrity_envs.mechanics.regions import Region
 from tensegrity_envs.mechanics.two_x import TwoX
 
@@ -87,11 +87,9 @@ def write_page(
         "reach": float(mechanism.reach),
         "selfMotion": not mechanism.design.a,  # then the base is reached by infinitely many configurations
     }
-    template = Path(__file__).with_name("page.html").read_text()
-    text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
-    safe = title.replace("&", "&amp;").replace("<", "&lt;")
-    path.write_text(template.replace("__TITLE__", safe).replace("__DATA__", text))
-    return path
+    return web_page.write_page(
+        path, Path(__file__).with_name("page.html"), TITLE=web_page.as_text(title), DATA=web_page.as_data(data)
+    )
 
 
 def _packed(values: Any) -> str:

@@ -1,0 +1,85 @@
+"""The site's notebooks run, its pages are all in its navigation, and it says of papers what CITATION.cff says."""
+
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+import tensegrity_envs
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+NOTEBOOKS = sorted(path for path in DOCS.rglob("*.ipynb") if "_build" not in path.parts)
+
+
+def cells(path, kind):
+    return ["".join(cell["source"]) for cell in json.loads(path.read_text())["cells"] if cell["cell_type"] == kind]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=pytest.mark.full) if "agent" in p.stem else p for p in NOTEBOOKS],
+    ids=lambda path: path.stem,
+)
+def test_notebooks_run(path, tmp_path):
+    code = "import matplotlib; matplotlib.use('Agg')\n" + "\n".join(cells(path, "code"))
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_are_kept_without_outputs(path):
+    content = json.loads(path.read_text())
+    for cell in content["cells"]:
+        assert not cell.get("outputs")
+        assert cell.get("execution_count") is None
+
+
+def pages():
+    return [path for path in (*DOCS.rglob("*.md"), *NOTEBOOKS) if not {"_build", "envs", "agents"} & set(path.parts)]
+
+
+def test_every_page_is_in_the_navigation():
+    named = {DOCS / "index"}
+    for page in DOCS.rglob("*.md"):
+        for block in re.findall(r"```\{toctree\}\n(.*?)```", page.read_text(), re.DOTALL):
+            for line in block.splitlines():
+                if line and not line.startswith(":"):
+                    named.update(p.with_suffix("") for p in page.parent.glob(f"{line}.*")) or named.add(line)
+    assert {page.with_suffix("") for page in pages()} <= named | {DOCS / "n_x"}  # which is being written
+
+
+def test_links_between_pages_lead_somewhere():
+    for page in pages():
+        text = page.read_text() if page.suffix == ".md" else "\n".join(cells(page, "markdown"))
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
+            assert re.match(r"https?://", target) or (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_citations_agree():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    text = (DOCS / "citing.md").read_text()
+    assert str(citation["version"]) == tensegrity_envs.__version__
+    assert len(citation["references"]) == 5
+    for paper in citation["references"]:
+        for mark in (
+            paper["authors"][0]["family-names"],
+            paper.get("doi", ""),
+            *(identifier["value"] for identifier in paper.get("identifiers", [])),
+        ):
+            assert mark in text
+
+
+@pytest.mark.full
+@pytest.mark.skipif(importlib.util.find_spec("sphinx") is None, reason="no Sphinx: pip install -e .[docs]")
+def test_the_site_is_built_without_a_warning(tmp_path):
+    command = [sys.executable, "-m", "sphinx", "-W", "-D", "nb_execution_mode=off", str(DOCS), str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=900)
+    assert done.returncode == 0, done.stderr
