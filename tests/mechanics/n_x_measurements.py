@@ -45,8 +45,8 @@ def wrench(k):
 
 def equilibria(k):
     """Equilibria against Newton's method from 2,000 starts: one arm with tensions and a load."""
-    joints = 1 + k % 4
-    by_starts, ours, missed = missed_equilibria(k // 4, joints, 2000)
+    joints = 1 + k % 3
+    by_starts, ours, missed = missed_equilibria(k // 3, joints, 2000)
     return {"joints": joints, "by starts": by_starts, "solver": ours, "missed": len(missed)}
 
 
@@ -65,7 +65,7 @@ def redundancy_of_four(k):
 WHAT = {
     "derivatives": (derivatives, 1200),
     "wrench": (wrench, 10_000),
-    "equilibria": (equilibria, 800),
+    "equilibria": (equilibria, 600),
     "redundancy": (redundancy, 200),
     "redundancy-of-four": (redundancy_of_four, 100),
 }

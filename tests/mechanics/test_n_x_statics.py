@@ -166,5 +166,14 @@ def test_what_is_wrong_with_a_call_is_named():
     arm = NX(THREE)
     with pytest.raises(ValueError, match="tensions: 6 numbers expected, got 4"):
         arm.equilibrium((1.0,) * 4, (0.0,) * 3)
-    with pytest.raises(ValueError, match="up to four joints, not for 5"):
+    with pytest.raises(ValueError, match="up to three joints, not for 5"):
         NX(NXDesign.from_two_x(MURALIDHARAN2022, 5)).equilibria((1.0,) * 10)
+
+
+@pytest.mark.parametrize(("joints", "routing"), [(4, "per_joint"), (6, "per_joint"), (4, "from_base")])
+def test_compiled_postures_of_many_joints_are_the_plain_ones(joints, routing):
+    """Smallest eigenvalues by rotations, which compiled code does, against LAPACK's."""
+    arm = NX(replace(random_n_x_design(2, joints, routing), joint_limit=2.6))
+    q = tuple(np.random.default_rng(0).uniform(-2, 2, (joints, 200)))
+    for compiled, plain in zip(evaluate(arm.posture, q)[1:], arm.posture(q)[1:], strict=True):
+        np.testing.assert_allclose(compiled, plain, rtol=1e-10, atol=1e-12 * np.abs(plain).max())

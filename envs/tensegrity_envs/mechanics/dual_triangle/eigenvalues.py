@@ -5,7 +5,9 @@ import sys
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, is_batch, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, is_batch, is_symbol, namespace_of
+
+_SWEEPS = 6  # of rotations: after four of them the entries beside the diagonal are a matter of rounding
 
 
 def smallest_eigenvalue(matrix: tuple[Components, ...]) -> Component:
@@ -55,6 +57,8 @@ def smallest_eigenvalue(matrix: tuple[Components, ...]) -> Component:
 
 def _smallest_by_iteration(matrix: tuple[Components, ...]) -> Component:
     entries = [entry for row in matrix for entry in row]
+    if is_symbol(*entries):
+        return _smallest_by_rotations(matrix)
     if not is_batch(*entries):
         return float(np.linalg.eigvalsh(np.array(matrix, float))[0])
     if not any(isinstance(entry, np.ndarray) for entry in entries):
@@ -64,3 +68,28 @@ def _smallest_by_iteration(matrix: tuple[Components, ...]) -> Component:
     stacked = np.stack(np.broadcast_arrays(*entries), axis=-1)
     n = len(matrix)
     return np.linalg.eigvalsh(stacked.reshape(*stacked.shape[:-1], n, n))[..., 0]
+
+
+def _smallest_by_rotations(matrix: tuple[Components, ...]) -> Component:
+    """By Jacobi's rotations in a fixed number of sweeps, which a traced function can do."""
+    n = len(matrix)
+    a = [list(row) for row in matrix]
+    xp = namespace_of(*(entry for row in matrix for entry in row))
+    for _ in range(_SWEEPS):
+        for p in range(n):
+            for q in range(p + 1, n):
+                off, gap = a[p][q], a[q][q] - a[p][p]
+                size = abs(gap) + xp.sqrt(gap * gap + 4 * off * off)
+                t = xp.where(gap < 0, -2.0, 2.0) * off / xp.where(size > 0, size, 1.0)
+                c = 1 / xp.sqrt(1 + t * t)
+                s = t * c
+                a[p][p], a[q][q] = a[p][p] - t * off, a[q][q] + t * off
+                a[p][q] = a[q][p] = 0.0
+                for k in range(n):
+                    if k not in (p, q):
+                        a[k][p], a[k][q] = c * a[k][p] - s * a[k][q], s * a[k][p] + c * a[k][q]
+                        a[p][k], a[q][k] = a[k][p], a[k][q]
+    smallest = a[0][0]
+    for k in range(1, n):
+        smallest = xp.minimum(smallest, a[k][k])
+    return smallest

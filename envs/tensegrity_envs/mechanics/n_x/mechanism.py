@@ -23,7 +23,7 @@ from tensegrity_envs.mechanics.n_x.routing import FROM_BASE, PER_JOINT
 from tensegrity_envs.mechanics.n_x.vertices import extreme_stiffness
 from tensegrity_envs.mechanics.stiffness import TipStiffness
 
-_CELLS = (32, 32, 16, 6)  # along each joint, with which the search for all equilibria begins
+_CELLS = (32, 32, 16)  # along each joint, with which the search for all equilibria begins
 
 
 class NX(Chain, TipStiffness):
@@ -239,10 +239,10 @@ class NX(Chain, TipStiffness):
     def equilibria(self, tensions: Sequence[float], load: Sequence[float] = NO_LOAD) -> list[_equilibrium.Equilibrium]:
         """All equilibria within the joint limits (flat poses excluded), stable and unstable, sorted by configuration.
 
-        By exclusion of cells, which is complete for up to four joints within seconds.
+        By exclusion of cells, which is complete for up to three joints; four can take too many cells.
 
         Raises:
-            ValueError: a number is NaN or infinite, there are too few or too many, the arm has more than four joints or
+            ValueError: a number is NaN or infinite, there are too few or too many, the arm has more than three joints or
                 is a batch of designs, or the equilibria form a continuum.
         """
         check_single(self._probe, "equilibria")
@@ -250,7 +250,7 @@ class NX(Chain, TipStiffness):
         check_finite("load", load, 2)
         n = self.degrees_of_freedom
         if n > len(_CELLS):
-            raise ValueError(f"equilibria: for up to four joints, not for {n}; equilibrium(tensions, start) finds one")
+            raise ValueError(f"equilibria: for up to three joints, not for {n}; equilibrium(tensions, start) finds one")
         limit = self.design.joint_limit
 
         def here(q: Components) -> tuple[Components, tuple[Components, ...]]:
