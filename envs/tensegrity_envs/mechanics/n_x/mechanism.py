@@ -242,8 +242,8 @@ class NX(Chain, TipStiffness):
         By exclusion of cells, which is complete for up to three joints; four can take too many cells.
 
         Raises:
-            ValueError: a number is NaN or infinite, there are too few or too many, the arm has more than three joints or
-                is a batch of designs, or the equilibria form a continuum.
+            ValueError: a number is NaN or infinite, there are too few or too many, the arm has more than three joints
+                or is a batch of designs, or the equilibria form a continuum.
         """
         check_single(self._probe, "equilibria")
         check_finite("tensions", tensions, len(self.routing))
