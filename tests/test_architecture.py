@@ -5,12 +5,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 ENVS = ROOT / "envs" / "tensegrity_envs"
 # Each layer may import itself and those before it.
 LAYERS = [
     "compiler",
     "mechanics",
+    "geometry",
     "columns",
     "seeding",
     "uncertainty",
@@ -60,6 +63,7 @@ APART = {"evaluation": {"sb3"}, "reporting": {"sb3"}, "sb3": {"reporting"}, "ana
 FORBIDDEN = {
     "compiler": {"gymnasium", "torch", "pygame", "matplotlib"},
     "mechanics": {"gymnasium", "torch", "pygame", "matplotlib"},
+    "geometry": {"gymnasium", "torch", "pygame", "matplotlib"},
     "simulation": {"gymnasium", "torch", "pygame"},
     "tasks": {"gymnasium", "torch", "pygame"},
 }
@@ -109,6 +113,54 @@ def test_layers_of_the_agents():
                 other = agent_layer(rest)
                 assert AGENT_LAYERS.index(other) <= AGENT_LAYERS.index(layer), f"{path} imports {name}"
                 assert other not in APART.get(layer, set()), f"{path} imports {name}"
+
+
+def imported_modules(path, module, known):
+    """Modules of the repository that a file imports, in functions and for type checking only, too.
+
+    A module's own package does not count: whoever imports `a.b` runs `a/__init__.py` first, which may re-export `a.b`.
+    """
+    for node in ast.walk(ast.parse(path.read_text())):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            submodules = [f"{node.module}.{alias.name}" for alias in node.names]
+            names = [name if name in known else node.module for name in submodules]
+        yield from {name for name in names if name in known and name != module}
+
+
+def circle_in(graph):
+    """A circle of a graph {node: successors}, as a list that ends with its first node; None where there is none."""
+    done, path = set(), []
+
+    def visit(node):
+        if node in path:
+            return [*path[path.index(node) :], node]
+        if node in done:
+            return None
+        path.append(node)
+        found = next((circle for after in sorted(graph[node]) if (circle := visit(after))), None)
+        path.pop()
+        done.add(node)
+        return found
+
+    return next((circle for node in sorted(graph) if (circle := visit(node))), None)
+
+
+@pytest.mark.parametrize("package", [ENVS, AGENTS], ids=lambda package: package.name)
+def test_no_import_runs_in_a_circle(package):
+    files = {
+        ".".join(path.relative_to(package.parent).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in package.rglob("*.py")
+    }
+    graph = {module: set(imported_modules(path, module, files)) for module, path in files.items()}
+    assert circle_in(graph) is None
+
+
+def test_a_circle_is_found():
+    assert circle_in({"a": {"b"}, "b": {"c", "d"}, "c": set(), "d": {"b"}}) == ["b", "d", "b"]
+    assert circle_in({"a": {"b", "c"}, "b": {"c"}, "c": set()}) is None
 
 
 def test_scripts_only_parse_arguments():

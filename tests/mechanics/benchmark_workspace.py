@@ -12,12 +12,12 @@ from rich.console import Console
 from rich.table import Table
 from two_x_polynomials import DEGREES, candidates, intervals, scan
 
-from tensegrity_envs.mechanics import MURALIDHARAN2022, TwoX, TwoXDesign
-from tensegrity_envs.mechanics.workspace import (
+from tensegrity_envs.geometry.workspace import (
     stable_wrench_feasible_joint_space,
     stable_wrench_feasible_size,
     stable_wrench_feasible_workspace,
 )
+from tensegrity_envs.mechanics import MURALIDHARAN2022, TwoX, TwoXDesign
 
 LINES, ROUNDS = 50, 5
 

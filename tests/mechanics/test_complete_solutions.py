@@ -7,10 +7,10 @@ import pytest
 from brute_force import missed_by_planar_four_bar, missed_by_two_x
 from scipy.optimize import brentq
 
+from tensegrity_envs.geometry.workspace import stable_wrench_feasible_joint_space, stable_wrench_feasible_workspace
 from tensegrity_envs.mechanics import FURET2018, JI2014, MURALIDHARAN2022, PlanarFourBar, SpatialPrism, TwoX, TwoXDesign
 from tensegrity_envs.mechanics.intervals import Interval
 from tensegrity_envs.mechanics.roots import circle_roots
-from tensegrity_envs.mechanics.workspace import stable_wrench_feasible_joint_space, stable_wrench_feasible_workspace
 
 FOUR_BAR = PlanarFourBar(JI2014)
 

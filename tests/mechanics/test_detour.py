@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tensegrity_envs.compiler.kernel import evaluate
-from tensegrity_envs.mechanics.detour import Disc, shortest_way
+from tensegrity_envs.geometry.obstacle_path import Disc, shortest_path
 
 DISC = Disc(10.0, 10.0, 1.5)
 
@@ -36,7 +36,7 @@ def test_lengths_are_those_of_brute_force():
     blocked = 0
     for start, end in points:
         expected = by_brute_force(start, end)
-        length, _ = shortest_way(tuple(start), tuple(end), DISC)
+        length, _ = shortest_path(tuple(start), tuple(end), DISC)
         assert length == pytest.approx(expected, abs=5e-3)
         blocked += expected > np.hypot(*(end - start)) + 1e-6
     assert blocked > 10
@@ -50,7 +50,7 @@ def test_heading_for_the_corners_leads_to_the_end_round_the_disc():
     )
     here, walked = start.copy(), np.zeros(2000)
     for _ in range(600):
-        _, corner = evaluate(shortest_way, tuple(here), tuple(end), DISC)
+        _, corner = evaluate(shortest_path, tuple(here), tuple(end), DISC)
         gap = np.stack(corner) - here
         size = np.hypot(*gap)
         step = np.minimum(size, 0.05)
@@ -58,14 +58,14 @@ def test_heading_for_the_corners_leads_to_the_end_round_the_disc():
         walked += step
         assert np.hypot(*(here - 10.0)).min() > 1.5 - 0.01
     np.testing.assert_allclose(here, end, atol=1e-9)
-    shortest, _ = shortest_way(tuple(start), tuple(end), DISC)
+    shortest, _ = shortest_path(tuple(start), tuple(end), DISC)
     assert (walked >= shortest - 1e-6).all()
     assert (walked / shortest).max() < 1.2
 
 
 def test_floats_and_arrays_agree_and_a_start_at_the_centre_has_a_way():
-    ways = shortest_way((np.array([4.0, 10.0]), np.array([10.2, 10.0])), (np.array([16.0, 13.0]), 10.0), DISC)
+    ways = shortest_path((np.array([4.0, 10.0]), np.array([10.2, 10.0])), (np.array([16.0, 13.0]), 10.0), DISC)
     for k, start in enumerate(((4.0, 10.2), (10.0, 10.0))):
-        one = shortest_way(start, ((16.0, 13.0)[k], 10.0), DISC)
+        one = shortest_path(start, ((16.0, 13.0)[k], 10.0), DISC)
         np.testing.assert_allclose([one[0], *one[1]], [ways[0][k], ways[1][0][k], ways[1][1][k]])
         assert np.isfinite(one[0])

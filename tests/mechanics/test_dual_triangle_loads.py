@@ -11,7 +11,7 @@ from mechanism_cases import node_energy, random_dual_triangle_design
 from scipy.optimize import brentq, minimize, root
 
 from tensegrity_envs.mechanics import ZHAO2021_CAPTION, ZHAO2021_TEXT, DualTriangle, DualTriangleDesign
-from tensegrity_envs.mechanics.dual_triangle.eigenvalues import smallest_eigenvalue
+from tensegrity_envs.mechanics.eigenvalues import smallest_eigenvalue
 
 symmetric = DualTriangleDesign.symmetric
 UNIT = DualTriangle(symmetric(1.0, 1.0, 1.0, 1.0))  # b = k = 1

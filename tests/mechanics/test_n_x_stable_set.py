@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from tensegrity_envs.compiler.kernel import evaluate
-from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, NXDesign, TwoX
-from tensegrity_envs.mechanics.workspace import (
+from tensegrity_envs.geometry.workspace import (
     stable_wrench_feasible_joint_space,
     stable_wrench_feasible_slice,
     stable_wrench_feasible_volume,
 )
+from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, NXDesign, TwoX
 
 THREE = replace(NXDesign.from_two_x(MURALIDHARAN2022, 3), joint_limit=2.6)
 UNEQUAL = replace(THREE, b=(0.06, 0.05, 0.04), l=(0.11, 0.1, 0.09), k_left=(600.0, 400.0, 200.0))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from tensegrity_envs.geometry.four_bar_workspace import actuator_workspace, output_workspace
 from tensegrity_envs.mechanics import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import choose_stable
 from tensegrity_envs.mechanics.planar_four_bar.singularities import SINGULARITIES, singular_configurations
-from tensegrity_envs.mechanics.planar_four_bar.workspace import actuator_workspace, output_workspace
 
 ARM = PlanarFourBar()
 OTHER = PlanarFourBar(PlanarFourBarDesign(length=0.3, stiffness=470.0))

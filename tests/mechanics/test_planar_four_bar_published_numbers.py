@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tensegrity_envs.geometry.four_bar_workspace import _rectangle_sheets, actuator_workspace, output_workspace
 from tensegrity_envs.mechanics import JI2014, PlanarFourBar
-from tensegrity_envs.mechanics.planar_four_bar.workspace import _rectangle_sheets, actuator_workspace, output_workspace
 
 PATH = Path(__file__).parents[1] / "data" / "planar_four_bar.json"
 ROWS = {row["id"]: row for row in json.loads(PATH.read_text())["rows"]}

@@ -8,8 +8,8 @@ import pytest
 import shapely
 from scipy.optimize import brentq
 
-from tensegrity_envs.mechanics.overlay import cut, feature_collection, image, winding_numbers
-from tensegrity_envs.mechanics.regions import LIMIT, Region, signed_area
+from tensegrity_envs.geometry.overlay import cut, feature_collection, image, winding_numbers
+from tensegrity_envs.geometry.regions import LIMIT, Region, signed_area
 from tensegrity_envs.mechanics.roots import bracketed_roots, hidden_sign_changes
 
 UNIT = ((-1.0, -1.0), (1.0, 1.0))

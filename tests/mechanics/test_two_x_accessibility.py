@@ -11,9 +11,8 @@ import pytest
 import shapely
 from two_x_reference import CertifiedRoots
 
-from tensegrity_envs.mechanics import FURET2018, MURALIDHARAN2022, TwoX
-from tensegrity_envs.mechanics import singularity as generic
-from tensegrity_envs.mechanics.accessibility import (
+from tensegrity_envs.geometry import singularity as generic
+from tensegrity_envs.geometry.accessibility import (
     FULL_TURN,
     accessibility,
     aspects,
@@ -25,7 +24,8 @@ from tensegrity_envs.mechanics.accessibility import (
     tip_curve,
     wrapped,
 )
-from tensegrity_envs.mechanics.overlay import feature_collection
+from tensegrity_envs.geometry.overlay import feature_collection
+from tensegrity_envs.mechanics import FURET2018, MURALIDHARAN2022, TwoX
 from tensegrity_envs.mechanics.two_x import furet_quartic
 
 

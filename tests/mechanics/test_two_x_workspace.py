@@ -17,9 +17,8 @@ from two_x_polynomials import (
     printed_in_t2,
 )
 
-from tensegrity_envs.mechanics import FURET2018, MURALIDHARAN2022, TwoX, TwoXDesign
-from tensegrity_envs.mechanics.regions import LIMIT
-from tensegrity_envs.mechanics.workspace import (
+from tensegrity_envs.geometry.regions import LIMIT
+from tensegrity_envs.geometry.workspace import (
     CLIP,
     SINGULARITY,
     STABILITY,
@@ -29,6 +28,7 @@ from tensegrity_envs.mechanics.workspace import (
     stable_wrench_feasible_workspace,
     summary,
 )
+from tensegrity_envs.mechanics import FURET2018, MURALIDHARAN2022, TwoX, TwoXDesign
 
 
 def random_design(seed):

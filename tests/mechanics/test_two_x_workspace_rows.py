@@ -13,14 +13,14 @@ import sympy
 from test_two_x_published_numbers import WORKSPACE_ROWS
 from two_x_polynomials import DEGREES, bar_masses, conditions, fourier
 
-from tensegrity_envs.mechanics import FURET2018, MURALIDHARAN2022, TwoX
-from tensegrity_envs.mechanics.accessibility import accessibility
-from tensegrity_envs.mechanics.overlay import union
-from tensegrity_envs.mechanics.two_x import furet_quartic
-from tensegrity_envs.mechanics.workspace import (
+from tensegrity_envs.geometry.accessibility import accessibility
+from tensegrity_envs.geometry.overlay import union
+from tensegrity_envs.geometry.workspace import (
     stable_wrench_feasible_joint_space,
     stable_wrench_feasible_workspace,
 )
+from tensegrity_envs.mechanics import FURET2018, MURALIDHARAN2022, TwoX
+from tensegrity_envs.mechanics.two_x import furet_quartic
 
 ROWS = {row["id"]: row for row in json.loads((Path(__file__).parents[1] / "data" / "two_x.json").read_text())["rows"]}
 CHECKS = {}

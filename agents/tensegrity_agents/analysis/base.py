@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from tensegrity_agents.reporting.style import save
-from tensegrity_envs.mechanics.overlay import feature_collection
+from tensegrity_envs.geometry.overlay import feature_collection
 
 Progress = Callable[[str, int, int, str], None]
 Numbers = dict[str, float | int | bool | str]

@@ -27,8 +27,8 @@ from tensegrity_agents.reporting.style import (
     short,
     styled,
 )
+from tensegrity_envs.geometry.workspace import stable_wrench_feasible_workspace
 from tensegrity_envs.mechanics.two_x import TwoX, TwoXDesign
-from tensegrity_envs.mechanics.workspace import stable_wrench_feasible_workspace
 
 _GRID = 361  # points of the joint space along each axis
 _MOST_PATHS = 40  # failures drawn

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
-from tensegrity_envs.mechanics.detour import Disc
+from tensegrity_envs.geometry.obstacle_path import Disc
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 from tensegrity_envs.simulation.protocol import BUCKLED, RUNNING, SINGULAR, WRENCH_INFEASIBLE, Episode, State
 from tensegrity_envs.simulation.quasi_static import STEP_SHARE, InputControl, keep_where

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace
-from tensegrity_envs.mechanics.detour import Disc, shortest_way
+from tensegrity_envs.geometry.obstacle_path import Disc, shortest_path
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.tasks.base import Task
 from tensegrity_envs.tasks.weights import ReachWeights
@@ -67,4 +67,4 @@ class InputReach(Reach):
 
     def distance_to(self, xp: Namespace, state: State, solution: Components) -> Component:
         """The length of the shortest path of the inputs."""
-        return shortest_way(state.inputs, solution, self.obstacle)[0]
+        return shortest_path(state.inputs, solution, self.obstacle)[0]

@@ -16,10 +16,10 @@ from matplotlib.patches import Patch
 from shapely.plotting import patch_from_polygon
 
 from tensegrity_agents.reporting.style import AREA, BAD, FAINT, GOOD, INK, new_figure, styled
-from tensegrity_envs.mechanics.overlay import Image, closed
+from tensegrity_envs.geometry.four_bar_workspace import actuator_workspace
+from tensegrity_envs.geometry.overlay import Image, closed
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 from tensegrity_envs.mechanics.planar_four_bar.singularities import SINGULARITIES
-from tensegrity_envs.mechanics.planar_four_bar.workspace import actuator_workspace
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 _DOTTED = (0, (1.2, 1.2))

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from tensegrity_agents.analysis.base import Numbers, Progress, Steps, save_titled, write_geojson
 from tensegrity_agents.analysis.browse_mechanisms import four_bar_page
 from tensegrity_agents.analysis.planar_four_bar import figures
+from tensegrity_envs.geometry.four_bar_workspace import MODES, actuator_workspace, output_workspace
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
-from tensegrity_envs.mechanics.planar_four_bar.workspace import MODES, actuator_workspace, output_workspace
 
 
 def analyze(designs: Mapping[str, PlanarFourBarDesign], out: Path, progress: Progress) -> dict[str, Numbers]:

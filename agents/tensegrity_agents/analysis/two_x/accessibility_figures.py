@@ -27,8 +27,8 @@ from tensegrity_agents.analysis.two_x.axes import (
     workspace_axes,
 )
 from tensegrity_agents.reporting.style import FAINT, INK, new_figure, note, styled
-from tensegrity_envs.mechanics.accessibility import PI, Accessibility, tip_curve, wrapped
-from tensegrity_envs.mechanics.singularity import Aspects, PosturePath
+from tensegrity_envs.geometry.accessibility import PI, Accessibility, tip_curve, wrapped
+from tensegrity_envs.geometry.aspects import Aspects, PosturePath
 from tensegrity_envs.mechanics.two_x import InverseSolution, TwoX
 
 

@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 
 from tensegrity_agents.reporting.style import INK, outline
-from tensegrity_envs.mechanics.accessibility import PI
-from tensegrity_envs.mechanics.regions import LIMIT
-from tensegrity_envs.mechanics.workspace import SINGULARITY, STABILITY
+from tensegrity_envs.geometry.accessibility import PI
+from tensegrity_envs.geometry.regions import LIMIT
+from tensegrity_envs.geometry.workspace import SINGULARITY, STABILITY
 
 _FINE = 5e-5  # simplification of filled shapes, relative to their size: invisible in print
 SINGULAR = "#7b3294"

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from tensegrity_agents import web_page
-from tensegrity_envs.mechanics.regions import Region
+from tensegrity_envs.geometry.regions import Region
 from tensegrity_envs.mechanics.two_x import TwoX
 
 _TABLE = 2001  # samples of a joint's angle

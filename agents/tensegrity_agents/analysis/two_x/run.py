@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from tensegrity_agents.analysis.base import Numbers, Progress, Steps, save_titled, write_geojson
 from tensegrity_agents.analysis.two_x import accessibility_figures, stable_set_figures
 from tensegrity_agents.analysis.two_x.page import write_page
-from tensegrity_envs.mechanics import accessibility, workspace
-from tensegrity_envs.mechanics.overlay import closed
+from tensegrity_envs.geometry import accessibility, workspace
+from tensegrity_envs.geometry.overlay import closed
 from tensegrity_envs.mechanics.two_x import TwoX, TwoXDesign
 
 

@@ -20,11 +20,11 @@ from tensegrity_agents.analysis.two_x.axes import (
     workspace_axes,
 )
 from tensegrity_agents.reporting.style import INK, new_figure, note, styled, without_jumps
-from tensegrity_envs.mechanics.accessibility import PI
-from tensegrity_envs.mechanics.overlay import Image
-from tensegrity_envs.mechanics.regions import LIMIT, Interval, Traced
+from tensegrity_envs.geometry.accessibility import PI
+from tensegrity_envs.geometry.overlay import Image
+from tensegrity_envs.geometry.regions import LIMIT, Interval, Traced
+from tensegrity_envs.geometry.workspace import CLIP, SINGULARITY, STABILITY, Cloud
 from tensegrity_envs.mechanics.two_x import TwoX
-from tensegrity_envs.mechanics.workspace import CLIP, SINGULARITY, STABILITY, Cloud
 
 
 @styled

@@ -13,7 +13,7 @@ from tensegrity_agents.controllers.planar_four_bar.reading import (
     side,
 )
 from tensegrity_envs.environments import PlanarFourBarReach
-from tensegrity_envs.mechanics.detour import shortest_way
+from tensegrity_envs.geometry.obstacle_path import shortest_path
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
 from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation.actuator_lengths import is_open
@@ -76,7 +76,7 @@ class Features:
         """The features, for actuator lengths to go to and a force on F."""
         nominal, rate = self.nominal, self.rate
         lengths = tuple(observed.actuator_lengths.T)
-        _, corner = shortest_way(lengths, tuple(end.T), self.obstacle)
+        _, corner = shortest_path(lengths, tuple(end.T), self.obstacle)
         distance = np.stack(corner, axis=1) - observed.actuator_lengths
         step = resolved_rate(nominal, observed.actuator_lengths, here, observed.target - observed.tip, _DAMPING)
         step = np.where((np.stack(corner, axis=1) == end).all(axis=1, keepdims=True), step, 0.0)
@@ -97,7 +97,7 @@ class Features:
         """Actuator lengths to go to, shape (n, 2) [m]."""
         found, sides, exists = rectangles(self.nominal, *observed.target.T)
         fits = exists & (sides == here) & is_open(self.nominal, tuple(found), self.margin)
-        length, _ = shortest_way(tuple(observed.actuator_lengths.T), tuple(found), self.obstacle)
+        length, _ = shortest_path(tuple(observed.actuator_lengths.T), tuple(found), self.obstacle)
         nearest = np.where(fits, length, np.inf).argmin(axis=0)
         end: np.ndarray = found[:, nearest, np.arange(len(nearest))].T
         none = np.flatnonzero(~fits.any(axis=0))

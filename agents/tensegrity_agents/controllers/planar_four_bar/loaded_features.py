@@ -15,7 +15,7 @@ from tensegrity_agents.controllers.planar_four_bar.reading import (
     side,
     with_posture,
 )
-from tensegrity_envs.mechanics.detour import shortest_way
+from tensegrity_envs.geometry.obstacle_path import shortest_path
 from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl, wrench_margin
 
@@ -99,7 +99,7 @@ class LoadedFeatures(Features):
         good = (np.asarray(nominal.stability_margin(*state)) >= self.margin) & (wrench_margin(nominal, *state) >= 0)
         owner, lengths = owner[good], lengths[good]
         start = observed.take(owner)
-        _, corner = shortest_way(tuple(start.actuator_lengths.T), tuple(lengths.T), self.obstacle)
+        _, corner = shortest_path(tuple(start.actuator_lengths.T), tuple(lengths.T), self.obstacle)
         points = np.stack([start.actuator_lengths, np.stack(corner, axis=1), lengths, lengths], axis=1)
         tip, margin = trips(nominal, configuration(nominal, start), points, load[owner])
         leads = (np.hypot(*(tip - start.target).T) < self.core.task.tolerance) & (margin > 0)
@@ -119,7 +119,7 @@ class LoadedFeatures(Features):
         exists = np.isfinite(places[:, :, 0])
         somewhere = np.where(exists[:, :, None], places, 0.0)
         start = tuple(observed.actuator_lengths.T[:, :, None])
-        length, _ = shortest_way(start, tuple(np.moveaxis(somewhere, 2, 0)), self.obstacle)
+        length, _ = shortest_path(start, tuple(np.moveaxis(somewhere, 2, 0)), self.obstacle)
         end: np.ndarray = somewhere[np.arange(len(here)), np.where(exists, length + far, np.inf).argmin(axis=1)]
         none = np.flatnonzero(~exists.any(axis=1))
         if len(none):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, ragged
-from tensegrity_envs.mechanics.singularity import posture_change
+from tensegrity_envs.geometry.aspects import posture_change
 from tensegrity_envs.mechanics.two_x import TwoX
 from tensegrity_envs.observation import DecodedObservation
 
@@ -69,7 +69,7 @@ class StraightPath(PostureController):
 
 
 class Planner(PostureController):
-    """Plans a path that keeps clear of det J = 0 (`mechanics.singularity.posture_change`) and goes along it."""
+    """Plans a path that keeps clear of det J = 0 (`geometry.aspects.posture_change`) and goes along it."""
 
     knows = "the design; plans around the cusps"
 

@@ -102,7 +102,7 @@ class PlanarFourBarReach(Core):
 
     def tip_region(self) -> Any:
         """The tips of stable rectangles; see `Core.tip_region`."""
-        from tensegrity_envs.mechanics.planar_four_bar.workspace import output_workspace  # loads Shapely
+        from tensegrity_envs.geometry.four_bar_workspace import output_workspace  # loads Shapely
 
         return output_workspace(self.nominal).reachable
 

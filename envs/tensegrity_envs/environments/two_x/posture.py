@@ -26,7 +26,7 @@ _MAX_ATTEMPTS = 400
 
 @cache
 def _aspects_of(design: TwoXDesign) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray]:
-    from tensegrity_envs.mechanics.singularity import aspects  # slow to import, and only needed here
+    from tensegrity_envs.geometry.aspects import aspects  # slow to import, and only needed here
 
     found = aspects(TwoX(design), 2 * math.pi, FULL_TURN, _GRID)
     return found.labels, found.axes, np.array(found.signs)

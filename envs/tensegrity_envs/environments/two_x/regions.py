@@ -13,6 +13,6 @@ class TwoXRegions:
 
     def tip_region(self) -> Any:
         """The stable wrench-feasible workspace, with its exact boundary; see `Core.tip_region`."""
-        from tensegrity_envs.mechanics.workspace import stable_wrench_feasible_workspace  # loads Shapely
+        from tensegrity_envs.geometry.workspace import stable_wrench_feasible_workspace  # loads Shapely
 
         return stable_wrench_feasible_workspace(self.nominal).reachable

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tensegrity_envs.mechanics.dual_triangle.loads import stacked
-
-if TYPE_CHECKING:
-    from tensegrity_envs.mechanics.dual_triangle.chain import DualTriangle
+from tensegrity_envs.mechanics.dual_triangle.statics import DualTriangleStatics
 
 _STRAIGHT = 0.98  # cosine of the largest turn of the tangent in one step
 
@@ -42,7 +40,7 @@ class Branch(NamedTuple):
 class _Curve:
     """Residual and derivative of the equilibria of an arm in z = (q, p / unit)."""
 
-    def __init__(self, arm: DualTriangle, free_lengths: Sequence[float], direction: tuple[float, float]) -> None:
+    def __init__(self, arm: DualTriangleStatics, free_lengths: Sequence[float], direction: tuple[float, float]) -> None:
         self.arm, self.free_lengths, self.direction = arm, free_lengths, direction
         self.unit = float(arm.stiffness_scale / arm.design.b1)  # [N]: k b
 
@@ -80,7 +78,7 @@ class _Curve:
 
 
 def follow_load(
-    arm: DualTriangle,
+    arm: DualTriangleStatics,
     free_lengths: Sequence[float],
     direction: tuple[float, float],
     z0: np.ndarray,
@@ -136,7 +134,7 @@ def follow_load(
 
 
 def heading_in_load(
-    arm: DualTriangle, free_lengths: Sequence[float], direction: tuple[float, float], z0: np.ndarray
+    arm: DualTriangleStatics, free_lengths: Sequence[float], direction: tuple[float, float], z0: np.ndarray
 ) -> np.ndarray:
     """Tangent of the branch at z0 = (q, load [N]), towards a growing load."""
     curve = _Curve(arm, free_lengths, direction)

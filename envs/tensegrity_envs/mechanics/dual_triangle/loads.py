@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, self_motions
-
-if TYPE_CHECKING:
-    from tensegrity_envs.mechanics.dual_triangle.chain import DualTriangle
+from tensegrity_envs.mechanics.dual_triangle.statics import DualTriangleStatics
 
 
 class LoadedState(NamedTuple):
@@ -54,7 +52,7 @@ def first_loss(at_zero: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return np.where(definite, np.where(falling, -1 / np.where(falling, least, -1.0), np.inf), 0.0)
 
 
-def critical_load(arm: DualTriangle, q: Sequence[Component], unit: tuple[Any, Any], common: Any) -> np.ndarray:
+def critical_load(arm: DualTriangleStatics, q: Sequence[Component], unit: tuple[Any, Any], common: Any) -> np.ndarray:
     """`DualTriangle.critical_load` on arrays or floats, `unit` a direction of length 1."""
     scale = arm.stiffness_scale / arm.reach  # a force of the order of the critical ones
 
@@ -70,7 +68,7 @@ def critical_load(arm: DualTriangle, q: Sequence[Component], unit: tuple[Any, An
 
 
 def _critical_load_of_cables(
-    arm: DualTriangle, q: Sequence[Any], unit: tuple[Any, Any], common: Any, scale: float, hessian: Any
+    arm: DualTriangleStatics, q: Sequence[Any], unit: tuple[Any, Any], common: Any, scale: float, hessian: Any
 ) -> np.ndarray:
     """As above, from one force at which a cable becomes slack or taut to the next: between them H is affine."""
     bilateral = arm.as_bilateral()
@@ -101,7 +99,7 @@ def _critical_load_of_cables(
     return np.asarray(math.inf)
 
 
-def straight_critical_loads(arm: DualTriangle, common: Any) -> tuple[Component, ...]:
+def straight_critical_loads(arm: DualTriangleStatics, common: Any) -> tuple[Component, ...]:
     """`DualTriangle.straight_critical_loads`."""
     n, design = arm.segments, arm.design
     straight = (0.0,) * n
@@ -118,7 +116,7 @@ def straight_critical_loads(arm: DualTriangle, common: Any) -> tuple[Component, 
     return tuple(float(p) if np.ndim(p) == 0 else p for p in np.moveaxis(loads, -1, 0))
 
 
-def estimate_load(arm: DualTriangle, q: Sequence[Component], free_lengths: Sequence[Component]) -> np.ndarray:
+def estimate_load(arm: DualTriangleStatics, q: Sequence[Component], free_lengths: Sequence[Component]) -> np.ndarray:
     """Least squares of J^T F = -M(q), of minimal norm, on arrays (..., 2)."""
     transposed = np.swapaxes(stacked(arm.jacobian(q)), -1, -2)
     slopes = stacked([arm.energy_gradient(q, free_lengths)])[..., 0, :]
@@ -126,7 +124,13 @@ def estimate_load(arm: DualTriangle, q: Sequence[Component], free_lengths: Seque
 
 
 def correct(
-    arm: DualTriangle, x: Any, y: Any, free_lengths: Sequence[Any], q: np.ndarray, load: np.ndarray, iterations: int
+    arm: DualTriangleStatics,
+    x: Any,
+    y: Any,
+    free_lengths: Sequence[Any],
+    q: np.ndarray,
+    load: np.ndarray,
+    iterations: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Newton's method on (energy gradient, tip - target) = 0 in (q, load), shapes (n, m) and (2, m).
 
@@ -157,7 +161,7 @@ def correct(
     return q, load, last
 
 
-def identify(arm: DualTriangle, x: float, y: float, free_lengths: Sequence[float]) -> list[LoadedState]:
+def identify(arm: DualTriangleStatics, x: float, y: float, free_lengths: Sequence[float]) -> list[LoadedState]:
     """`DualTriangle.identify`: stationary points of the springs' energy along the self-motion curve of the tip."""
     limit = float(arm.design.joint_limit)
     found: list[tuple[float, ...]] = []

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment
+from tensegrity_envs.mechanics.dual_triangle.segment_statics import SegmentStatics
 
 _CELLS = 64
 _LARGEST_CLUSTER = 1e-2  # [rad]
@@ -18,7 +17,7 @@ _NARROWEST = 1e-9  # [rad]: what is left undecided at this width is a double roo
 
 
 def stiffness_bounds(
-    segment: DualTriangleSegment, free_lengths: tuple[float, float], low: np.ndarray, high: np.ndarray
+    segment: SegmentStatics, free_lengths: tuple[float, float], low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper bounds of the stiffness [N m/rad] on the intervals [low, high] of q, shape (n,).
 
@@ -61,7 +60,7 @@ class Stretch(NamedTuple):
     sign: int
 
 
-def stretches(segment: DualTriangleSegment, free_lengths: tuple[float, float]) -> list[Stretch]:
+def stretches(segment: SegmentStatics, free_lengths: tuple[float, float]) -> list[Stretch]:
     """The stretches into which the signs of the stiffness divide the range of angles, ascending.
 
     Bounds of the stiffness prove the sign on every interval but those narrower than 1e-7 rad, next to a zero.
@@ -100,7 +99,7 @@ def _halved(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([low, middle]), np.concatenate([middle, high])
 
 
-def roots(segment: DualTriangleSegment, free_lengths: tuple[float, float], moment: float) -> list[float]:
+def roots(segment: SegmentStatics, free_lengths: tuple[float, float], moment: float) -> list[float]:
     """All angles strictly inside the joint limits at which torque + moment = 0, ascending [rad]."""
     from scipy.optimize import brentq  # slow to import, and only needed here
 
@@ -155,7 +154,7 @@ def roots(segment: DualTriangleSegment, free_lengths: tuple[float, float], momen
 
 
 def _are_one(
-    segment: DualTriangleSegment, free_lengths: tuple[float, float], moment: float, first: float, last: float
+    segment: SegmentStatics, free_lengths: tuple[float, float], moment: float, first: float, last: float
 ) -> bool:
     """Whether the torque between two zeros is nothing but rounding: then they are one."""
     if last - first > _LARGEST_CLUSTER:
@@ -180,7 +179,7 @@ def _merged(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return merged
 
 
-def is_monotone(segment: DualTriangleSegment, free_lengths: tuple[float, float]) -> bool:
+def is_monotone(segment: SegmentStatics, free_lengths: tuple[float, float]) -> bool:
     """Whether the stiffness is positive everywhere strictly inside the joint limits."""
     limit = float(segment.design.joint_limit)
     low, high = np.array([-limit]), np.array([limit])
@@ -194,8 +193,8 @@ def is_monotone(segment: DualTriangleSegment, free_lengths: tuple[float, float])
     return True
 
 
-def control_limit(segment: DualTriangleSegment) -> float:
-    """See `DualTriangleSegment.control_limit`."""
+def control_limit(segment: SegmentStatics) -> float:
+    """See `SegmentStatics.control_limit`."""
     from scipy.optimize import brentq  # slow to import, and only needed here
 
     limit = float(segment.design.joint_limit)

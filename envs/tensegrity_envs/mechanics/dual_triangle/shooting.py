@@ -12,15 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tensegrity_envs.mechanics.dual_triangle.one_segment import Stretch, stretches
-
-if TYPE_CHECKING:
-    from tensegrity_envs.mechanics.dual_triangle.chain import DualTriangle
-    from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment
+from tensegrity_envs.mechanics.dual_triangle.segment_statics import SegmentStatics
+from tensegrity_envs.mechanics.dual_triangle.statics import DualTriangleStatics
 
 _CELLS = 64  # that the range of phi_n is divided into at first
 _PARTS = 4  # that a box is divided into in every round
@@ -57,7 +55,7 @@ class _Boxes(NamedTuple):
         return _Boxes(self.phi[:, index], self.choice[:, index], self.angles[:, :, index])
 
 
-def _curve(segment: DualTriangleSegment, pair: tuple[float, float], stretch: Stretch) -> _Curve:
+def _curve(segment: SegmentStatics, pair: tuple[float, float], stretch: Stretch) -> _Curve:
     if stretch.sign == 0:
         return _Curve(np.zeros(0), np.zeros(0), (stretch.low, stretch.high))
     a, b = stretch.low, stretch.high
@@ -69,7 +67,7 @@ def _curve(segment: DualTriangleSegment, pair: tuple[float, float], stretch: Str
 
 
 def _bracket(
-    segment: DualTriangleSegment, pair: tuple[float, float], curve: _Curve, moment: np.ndarray, steps: int
+    segment: SegmentStatics, pair: tuple[float, float], curve: _Curve, moment: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Angles between which the springs balance a moment within the curve's range, tighter after more steps."""
     cell = np.clip(np.searchsorted(curve.slopes, moment) - 1, 0, _TABLE - 2)
@@ -102,7 +100,7 @@ def _sinusoid(fx: float, fy: float, low: np.ndarray, high: np.ndarray) -> tuple[
 class _Shooter:
     """Intervals along the chain, from the tip to the base."""
 
-    def __init__(self, arm: DualTriangle, free_lengths: Sequence[float], load: Sequence[float]) -> None:
+    def __init__(self, arm: DualTriangleStatics, free_lengths: Sequence[float], load: Sequence[float]) -> None:
         self.arm, self.n, self.segment = arm, arm.segments, arm.segment
         self.pairs = [(float(free_lengths[2 * i]), float(free_lengths[2 * i + 1])) for i in range(self.n)]
         self.curves = [
@@ -209,7 +207,7 @@ def _joined(parts: Sequence[_Boxes]) -> _Boxes:
     return _Boxes(*(np.concatenate(values, axis=-1) for values in zip(*parts, strict=True)))
 
 
-def candidates(arm: DualTriangle, free_lengths: Sequence[float], load: Sequence[float]) -> np.ndarray:
+def candidates(arm: DualTriangleStatics, free_lengths: Sequence[float], load: Sequence[float]) -> np.ndarray:
     """Configurations next to every equilibrium, shape (n, any number).
 
     Without a load the segments do not know of one another. Where too many boxes may hold an equilibrium (they form a
@@ -241,7 +239,9 @@ def _thinned(points: np.ndarray) -> np.ndarray:
     return points[:, index]
 
 
-def polish(arm: DualTriangle, free_lengths: Sequence[float], load: Sequence[float], points: np.ndarray) -> np.ndarray:
+def polish(
+    arm: DualTriangleStatics, free_lengths: Sequence[float], load: Sequence[float], points: np.ndarray
+) -> np.ndarray:
     """Damped Newton steps from every point; the distinct equilibria strictly inside the limits, sorted, (n, any)."""
     limit, scale, n = float(arm.design.joint_limit), arm.stiffness_scale, arm.segments
 
@@ -278,7 +278,7 @@ def polish(arm: DualTriangle, free_lengths: Sequence[float], load: Sequence[floa
     return np.array(sorted(distinct, key=tuple)).reshape(-1, n).T
 
 
-def grid_of_starts(arm: DualTriangle) -> np.ndarray:
+def grid_of_starts(arm: DualTriangleStatics) -> np.ndarray:
     """Starts all over the box of angles, for cables: where both are slack the chain of moments breaks."""
     limit, n = float(arm.design.joint_limit), arm.segments
     count = max(3, round(4000 ** (1 / n))) if n < 7 else 2

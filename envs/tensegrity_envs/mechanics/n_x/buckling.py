@@ -1,15 +1,17 @@
 """How much load the tip carries: of a posture whose tensions follow the load, and of an arm at constant tensions."""
 
 import math
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.mechanics.equilibrium import follow
 
-_RESOLUTION = 2.0**-14
+Loaded = Callable[[Components, Any, Components, Components], tuple[Components, Component]]
+
+RESOLUTION = 2.0**-14  # of the growing load, as a share of it
 _ROUNDS = 3  # of following the last part of the path once more
 
 
@@ -58,27 +60,23 @@ def critical_load(arm: Any, q: tuple[float, ...], direction: tuple[float, float]
     return CriticalLoad(low, reason(high), q)
 
 
-def _loaded(start: Components, parameters: Any, begin: Components, end: Components) -> tuple[Components, Component]:
-    """The equilibrium while the load grows evenly, and how much of the way it could be followed."""
-    from tensegrity_envs.mechanics.n_x.mechanism import NX
-
-    design, tensions = parameters
-
-    def path(q: Components, t: Component) -> Any:
-        load = tuple(a + t * (b - a) for a, b in zip(begin, end, strict=True))
-        return NX(design).statics(q, tensions, load)
-
-    return follow(path, start, _RESOLUTION)
-
-
 def buckling_load(
-    arm: Any, tensions: Components, direction: tuple[float, float], start: tuple[float, ...], largest: float
+    loaded: Loaded, parameters: Any, direction: tuple[float, float], start: tuple[float, ...], largest: float
 ) -> CriticalLoad:
-    """Of an arm at constant tensions whose load grows from zero; see `NX.buckling_load`."""
+    """Of an arm at constant tensions whose load grows from zero; see `NX.buckling_load`.
+
+    Args:
+        loaded: (start, parameters, begin, end) -> the equilibrium while the load grows evenly from `begin` to `end`
+            [N], and how much of the way it could be followed. Traceable.
+        parameters: of `loaded`.
+        direction: of the load, of length 1.
+        start: equilibrium without load [rad].
+        largest: load up to which to look [N].
+    """
     q, load, end = start, 0.0, largest
     for _ in range(_ROUNDS):
         way = [tuple(size * part for part in direction) for size in (load, end)]
-        found, fraction = evaluate(_loaded, q, (arm.design, tensions), way[0], way[1])
+        found, fraction = evaluate(loaded, q, parameters, way[0], way[1])
         q = tuple(float(angle) for angle in found)
         if fraction >= 1:
             load = end
@@ -87,6 +85,6 @@ def buckling_load(
             end = largest
             continue
         reached = load + fraction * (end - load)
-        load, end = reached, min(end, reached + 8 * _RESOLUTION * (end - load))
+        load, end = reached, min(end, reached + 8 * RESOLUTION * (end - load))
     final = np.asarray(q)
     return CriticalLoad(float(load), "stability", tuple(final.tolist()))

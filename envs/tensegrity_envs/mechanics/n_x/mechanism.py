@@ -15,7 +15,7 @@ import numpy as np
 from tensegrity_envs.compiler.namespace import Component, Components, as_components
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.checks import check_finite, check_single
-from tensegrity_envs.mechanics.dual_triangle.eigenvalues import smallest_eigenvalue
+from tensegrity_envs.mechanics.eigenvalues import smallest_eigenvalue
 from tensegrity_envs.mechanics.n_x import buckling, inverse, programmes, redundancy, statics, tensions, wrenches
 from tensegrity_envs.mechanics.n_x.chain import NO_LOAD, Chain, symmetric
 from tensegrity_envs.mechanics.n_x.joint import Joint
@@ -200,7 +200,7 @@ class NX(Chain, TipStiffness):
             raise ValueError(f"tensions = {tensions!r}: no stable equilibrium without the force: {rest.reason}")
         end = 100 * float(self.design.max_tension) if largest is None else float(largest)
         pull = tuple(map(float, tensions))
-        return buckling.buckling_load(self, pull, _unit(direction), rest.configuration, end)
+        return buckling.buckling_load(_loaded, (self.design, pull), _unit(direction), rest.configuration, end)
 
     def _softest_and_stiffest(
         self, q: Sequence[Component], load: Sequence[Component], direction: Sequence[Component] | None
@@ -373,3 +373,14 @@ def _unit(direction: Sequence[float]) -> tuple[float, float]:
 def _statics(q: Components, parameters: Any) -> tuple[Components, tuple[Components, ...]]:
     design, pull, load = parameters
     return NX(design).statics(q, pull, load)
+
+
+def _loaded(start: Components, parameters: Any, begin: Components, end: Components) -> tuple[Components, Component]:
+    """The equilibrium while the load grows evenly, and how much of the way it could be followed."""
+    design, tensions = parameters
+
+    def path(q: Components, t: Component) -> Any:
+        load = tuple(a + t * (b - a) for a, b in zip(begin, end, strict=True))
+        return NX(design).statics(q, tensions, load)
+
+    return _equilibrium.follow(path, start, buckling.RESOLUTION)

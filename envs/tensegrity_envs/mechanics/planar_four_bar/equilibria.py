@@ -14,14 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.mechanics.planar_four_bar.statics import FourBarStatics
 from tensegrity_envs.mechanics.roots import circle_roots
-
-if TYPE_CHECKING:
-    from tensegrity_envs.mechanics.planar_four_bar.mechanism import PlanarFourBar
 
 _SAMPLES = 720
 _DISTINCT = 1e-7  # [rad]
@@ -51,7 +49,7 @@ class FourBarEquilibrium(NamedTuple):
     residual: float
 
 
-def equilibria(mechanism: PlanarFourBar, lengths: Sequence[float], load: Sequence[float]) -> list[FourBarEquilibrium]:
+def equilibria(mechanism: FourBarStatics, lengths: Sequence[float], load: Sequence[float]) -> list[FourBarEquilibrium]:
     """All equilibria, sorted by energy: in closed form without a load, by a scan of gamma under one.
 
     Args:
@@ -79,7 +77,7 @@ def equilibria(mechanism: PlanarFourBar, lengths: Sequence[float], load: Sequenc
 
 
 def describe(
-    mechanism: PlanarFourBar, q: tuple[float, float], lengths: tuple[float, ...], load: tuple[float, ...], kind: str
+    mechanism: FourBarStatics, q: tuple[float, float], lengths: tuple[float, ...], load: tuple[float, ...], kind: str
 ) -> FourBarEquilibrium:
     """The equilibrium at a configuration that is known to be one."""
     theta, gamma = (math.atan2(math.sin(angle), math.cos(angle)) for angle in q)
@@ -95,7 +93,7 @@ def describe(
     )
 
 
-def _unloaded(mechanism: PlanarFourBar, lengths: tuple[float, ...]) -> list[FourBarEquilibrium]:
+def _unloaded(mechanism: FourBarStatics, lengths: tuple[float, ...]) -> list[FourBarEquilibrium]:
     """Six for 0 < R < 1 and four beyond, instead of the quartic of [Ji2014, Eq. 15], which loses those with
     theta + gamma = pi.
     """
@@ -115,7 +113,7 @@ def _unloaded(mechanism: PlanarFourBar, lengths: tuple[float, ...]) -> list[Four
 
 
 def _loaded(
-    mechanism: PlanarFourBar, lengths: tuple[float, ...], load: tuple[float, ...], ratio: float
+    mechanism: FourBarStatics, lengths: tuple[float, ...], load: tuple[float, ...], ratio: float
 ) -> list[FourBarEquilibrium]:
     (cx, cy), (dx, dy) = mechanism.supports(lengths)
     toward = math.atan2(dy - cy, dx - cx)  # from C to D
@@ -139,7 +137,7 @@ def _loaded(
     return found
 
 
-def pointing(mechanism: PlanarFourBar, lengths: Sequence[Any], gamma: Any, fold: float = 1.0) -> Any:
+def pointing(mechanism: FourBarStatics, lengths: Sequence[Any], gamma: Any, fold: float = 1.0) -> Any:
     """theta [rad] at which bar DE points at the midpoint of bar CF, or (fold = -1) away from it."""
     (cx, cy), (dx, dy) = mechanism.supports(lengths)
     xp = mechanism._xp(gamma, cx)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,10 +24,8 @@ from tensegrity_envs.mechanics.planar_four_bar.equilibria import (
     describe,
     pointing,
 )
+from tensegrity_envs.mechanics.planar_four_bar.statics import FourBarStatics
 from tensegrity_envs.mechanics.roots import bracketed_roots, hidden_sign_changes
-
-if TYPE_CHECKING:
-    from tensegrity_envs.mechanics.planar_four_bar.mechanism import PlanarFourBar
 
 _SAMPLES = 181  # of alpha
 _TOUCHING = 1e-14  # squares of half chords, in L^2: rounding
@@ -84,12 +82,12 @@ def _root(square: Component) -> Component:
         return xp.sqrt(xp.where((square < 0) & (square > -_TOUCHING), 0.0, square))
 
 
-def pivots(mechanism: PlanarFourBar, x: np.ndarray, y: np.ndarray) -> Pivots:
+def pivots(mechanism: FourBarStatics, x: np.ndarray, y: np.ndarray) -> Pivots:
     """Where C can be for targets x, y of shape (n,) [m]."""
     return pivot(mechanism, x, y, np.array([[1.0], [-1.0]]))
 
 
-def pivot(mechanism: PlanarFourBar, x: Component, y: Component, sign: Component) -> Pivots:
+def pivot(mechanism: FourBarStatics, x: Component, y: Component, sign: Component) -> Pivots:
     """Where C is for a target x, y [m], of its two places that of a sign, 1 or -1. Traceable."""
     xp = mechanism._xp(x, y)
     l = mechanism.length
@@ -114,7 +112,7 @@ class Crossbar(NamedTuple):
 
 
 def crossbar(
-    mechanism: PlanarFourBar,
+    mechanism: FourBarStatics,
     x: Component,
     y: Component,
     c: tuple[Component, Component],
@@ -129,7 +127,7 @@ def crossbar(
     return Crossbar(tx, ty, mx, my, push / mechanism.stiffness - 2 * (tx * x + ty * y))
 
 
-def imbalance(mechanism: PlanarFourBar, bar: Crossbar, alpha: Component, fold: Component) -> Component:
+def imbalance(mechanism: FourBarStatics, bar: Crossbar, alpha: Component, fold: Component) -> Component:
     """What is left of the balance of F across bar CF, times |M - D| / L, which keeps it bounded. Traceable."""
     xp = mechanism._xp(alpha, bar.mx)
     l = mechanism.length
@@ -140,7 +138,7 @@ def imbalance(mechanism: PlanarFourBar, bar: Crossbar, alpha: Component, fold: C
     return (across * distance + fold * l * (bar.tx * ux + bar.ty * uy)) / (l * l)
 
 
-def rectangles(mechanism: PlanarFourBar, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def rectangles(mechanism: FourBarStatics, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All unloaded rectangles with F at targets.
 
     Args:
@@ -168,7 +166,7 @@ def rectangles(mechanism: PlanarFourBar, x: np.ndarray, y: np.ndarray) -> tuple[
 
 
 def loaded(
-    mechanism: PlanarFourBar, x: np.ndarray, y: np.ndarray, load: Sequence[np.ndarray], fold: float = 1.0
+    mechanism: FourBarStatics, x: np.ndarray, y: np.ndarray, load: Sequence[np.ndarray], fold: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All equilibria under a force on F with F at targets, bar DE pointing at the midpoint M of CF or away from it.
 
@@ -215,7 +213,7 @@ def loaded(
     return target[line], np.stack([rho1[line], 2 * l * np.sin(alpha / 2)]), gamma[line]
 
 
-def inverse_kinematics(mechanism: PlanarFourBar, x: float, y: float, load: Sequence[float]) -> list[InverseSolution]:
+def inverse_kinematics(mechanism: FourBarStatics, x: float, y: float, load: Sequence[float]) -> list[InverseSolution]:
     """Every equilibrium with F at a target, alpha and beta in [0, pi], sorted by actuator lengths.
 
     Without a load at most four rectangles, all stable, and eight collinear states, of which only "IN" with R > 1 is
@@ -255,7 +253,7 @@ def inverse_kinematics(mechanism: PlanarFourBar, x: float, y: float, load: Seque
 Found = tuple[tuple[float, float], tuple[float, float], str]
 
 
-def _loaded(mechanism: PlanarFourBar, x: float, y: float, load: tuple[float, ...]) -> list[Found]:
+def _loaded(mechanism: FourBarStatics, x: float, y: float, load: tuple[float, ...]) -> list[Found]:
     force = tuple(np.array([f]) for f in load)
     found: list[Found] = []
     for fold in (1.0, -1.0):
@@ -266,7 +264,7 @@ def _loaded(mechanism: PlanarFourBar, x: float, y: float, load: tuple[float, ...
     return found
 
 
-def _unloaded(mechanism: PlanarFourBar, x: float, y: float) -> list[Found]:
+def _unloaded(mechanism: FourBarStatics, x: float, y: float) -> list[Found]:
     lengths, _, exists = rectangles(mechanism, np.array([x]), np.array([y]))
     places = pivots(mechanism, np.array([x]), np.array([y]))
     found: list[Found] = []
@@ -296,7 +294,7 @@ def _unloaded(mechanism: PlanarFourBar, x: float, y: float) -> list[Found]:
     return found
 
 
-def choose_stable(mechanism: PlanarFourBar, x: float, y: float, side: int, load: Any = (0.0, 0.0)) -> InverseSolution:
+def choose_stable(mechanism: FourBarStatics, x: float, y: float, side: int, load: Any = (0.0, 0.0)) -> InverseSolution:
     """The stable solution on a side with the shortest actuators.
 
     Raises:

@@ -6,14 +6,12 @@ Each is told by a dimensionless measure that is zero there and smooth or at leas
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component
-
-if TYPE_CHECKING:
-    from tensegrity_envs.mechanics.planar_four_bar.mechanism import PlanarFourBar
+from tensegrity_envs.mechanics.planar_four_bar.mechanism import PlanarFourBar
 
 Lengths = Sequence[Component]
 Measure = Callable[["PlanarFourBar", Lengths, Component], Component]

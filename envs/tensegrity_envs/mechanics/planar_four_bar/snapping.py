@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tensegrity_envs.mechanics.planar_four_bar.statics import FourBarStatics
 from tensegrity_envs.mechanics.roots import bracketed_roots
-
-if TYPE_CHECKING:
-    from tensegrity_envs.mechanics.planar_four_bar.mechanism import PlanarFourBar
 
 _SAMPLES = 4001
 _ALIGNED = 1e-12
 
 
-def critical_load(mechanism: PlanarFourBar, lengths: Sequence[float], side: int, direction: Sequence[float]) -> float:
+def critical_load(mechanism: FourBarStatics, lengths: Sequence[float], side: int, direction: Sequence[float]) -> float:
     """The dead force on F in a direction at which the rectangle loses its stability [N].
 
     With E balanced (see `equilibria.py`), the force that holds F at gamma is g(gamma) / (t . n), g the slope of the

@@ -2,7 +2,7 @@
 
 from tensegrity_envs.mechanics.spatial_prism.design import JAHROMY, SpatialPrismDesign
 from tensegrity_envs.mechanics.spatial_prism.loaded import LoadedEquilibrium, UnloadingLimit
-from tensegrity_envs.mechanics.spatial_prism.prism import SpatialPrism
+from tensegrity_envs.mechanics.spatial_prism.mechanism import SpatialPrism
 from tensegrity_envs.mechanics.spatial_prism.trajectories import TRAJECTORIES, trajectory31, trajectory32
 
 __all__ = [

@@ -17,9 +17,11 @@ import numpy as np
 import shapely
 
 from tensegrity_envs.compiler.namespace import Component
-from tensegrity_envs.mechanics import singularity
-from tensegrity_envs.mechanics.overlay import chord_area, cut, feature, union
-from tensegrity_envs.mechanics.singularity import Aspects, Cusp, Node, PosturePath, zero_curves
+from tensegrity_envs.geometry import aspects as generic
+from tensegrity_envs.geometry import singularity
+from tensegrity_envs.geometry.aspects import Aspects, PosturePath
+from tensegrity_envs.geometry.overlay import chord_area, cut, feature, union
+from tensegrity_envs.geometry.singularity import Cusp, Node, zero_curves
 from tensegrity_envs.mechanics.two_x import TwoX
 
 PI = math.pi
@@ -341,9 +343,9 @@ def _wrap(q: tuple[float, float]) -> tuple[float, float]:
 
 
 def aspects(mechanism: TwoX, resolution: int = 400) -> Aspects:
-    """The aspects of a 2-X within its joint limits, see `singularity.aspects`."""
+    """The aspects of a 2-X within its joint limits, see `aspects.aspects`."""
     limit = float(mechanism.design.joint_limit)
-    return singularity.aspects(mechanism, limit, FULL_TURN if is_full_torus(mechanism) else None, resolution)
+    return generic.aspects(mechanism, limit, FULL_TURN if is_full_torus(mechanism) else None, resolution)
 
 
 def posture_change(
@@ -354,11 +356,11 @@ def posture_change(
     On the full torus the path is continuous, so that its end may differ from the goal by multiples of 4 pi.
 
     Raises:
-        ValueError: see `singularity.posture_change`.
+        ValueError: see `aspects.posture_change`.
     """
     limit = float(mechanism.design.joint_limit)
     period = FULL_TURN if is_full_torus(mechanism) else None
-    return singularity.posture_change(mechanism, start, goal, limit, period, longest_step)
+    return generic.posture_change(mechanism, start, goal, limit, period, longest_step)
 
 
 def posture_pairs(mechanism: TwoX, x: float, y: float) -> list[tuple[tuple[float, float], tuple[float, float]]]:

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from tensegrity_envs.mechanics.regions import Region, Ring
+from tensegrity_envs.geometry.boundary import Ring
+from tensegrity_envs.geometry.conditions import Conditions
 
 _SAMPLES = 257  # along each line
 _AROUND = 3  # cells
@@ -27,7 +27,7 @@ class Missed(NamedTuple):
 
 
 def missed(
-    region: Region, rings: Sequence[Ring], cell: float, lines: int, image: Callable[[Any], tuple[Any, Any]] | None
+    region: Conditions, rings: Sequence[Ring], cell: float, lines: int, image: Callable[[Any], tuple[Any, Any]] | None
 ) -> Missed:
     """The area that the polygons miss or have too much: the mean over lines in both directions.
 
@@ -50,7 +50,7 @@ def missed(
     return Missed(float(area), float(mapped))
 
 
-def _surroundings(region: Region, rings: Sequence[Ring], cell: float) -> list[tuple[np.ndarray, np.ndarray]]:
+def _surroundings(region: Conditions, rings: Sequence[Ring], cell: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Boxes around the pieces, some cells wider than they are; those that overlap are one."""
     boxes: list[tuple[np.ndarray, np.ndarray]] = []
     for ring in rings:
@@ -66,7 +66,7 @@ def _surroundings(region: Region, rings: Sequence[Ring], cell: float) -> list[tu
     return boxes
 
 
-def _on_lines(region: Region, rings: Sequence[Ring], lines: int, image: Any) -> np.ndarray:
+def _on_lines(region: Conditions, rings: Sequence[Ring], lines: int, image: Any) -> np.ndarray:
     """Area between region and polygons within the region's box, in the plane and in the image."""
     lower, upper = np.array(region.lower), np.array(region.upper)
     totals = np.zeros((2, 2))

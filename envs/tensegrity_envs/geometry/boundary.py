@@ -1,297 +1,23 @@
-"""Regions of a plane given by continuous margins: slices, boundary curves as closed polygons, components, areas.
-
-Nothing here knows a mechanism. A `Region` is the part of a box in which several margins are positive; its plane may be
-a joint space, a space of inputs, or any other. The boundary is not read off a grid: the grid only tells the topology.
-Every vertex is a root of the condition that is active there, every corner a common root of two of them, and the
-curves between are refined until their chords are as close as asked.
-"""
+"""The boundary of a region as closed polygons: from a grid's topology to exact, refined curves."""
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component
-from tensegrity_envs.mechanics.roots import bracketed_roots, hidden_sign_changes
-from tensegrity_envs.mechanics.slivers import missed
+from tensegrity_envs.geometry.conditions import LIMIT, Conditions
+from tensegrity_envs.mechanics.roots import bracketed_roots
 
 Map = Callable[[tuple[np.ndarray, np.ndarray]], tuple[Any, Any]]
 
-LIMIT = "limit"  # the name of the box's edge among the conditions
 PI = math.pi
 _RESIDUAL = 1e-10  # of every boundary point, in units of the margin
 _ROUNDS = 12  # of halving the chords
 _NEWTON = 8
-_FEWEST = 12  # crossings of grid edges by one ring
-
-
-class Interval(NamedTuple):
-    """A maximal interval of a slice, and the conditions that end it: names of conditions, or "limit" for the box."""
-
-    low: float
-    high: float
-    low_condition: str
-    high_condition: str
-
-
-class BoundaryPoints(NamedTuple):
-    """Boundary points found along grid lines.
-
-    Attributes:
-        points: shape (n, 2).
-        conditions: n names of what is active there.
-        fixed: shape (n,), the coordinate (0 or 1) that was constant on the line.
-    """
-
-    points: np.ndarray
-    conditions: list[str]
-    fixed: np.ndarray
-
-
-@dataclass(frozen=True)
-class Region:
-    """The part of a box in which all margins are positive.
-
-    Attributes:
-        conditions: (q1, q2) -> margins, one for each name, elementwise on arrays of one shape; positive inside.
-        names: of the conditions.
-        lower, upper: corners of the box.
-        what: in words, for exports.
-        least: (q1, q2) -> the smallest of the margins, where that is cheaper than all of them.
-    """
-
-    conditions: Callable[[Any, Any], Sequence[Component]]
-    names: tuple[str, ...]
-    lower: tuple[float, float]
-    upper: tuple[float, float]
-    what: str = "region"
-    least: Callable[[Any, Any], Component] | None = None
-
-    def __post_init__(self) -> None:
-        """Validate.
-
-        Raises:
-            ValueError: the box is empty or not finite, or a name is used twice.
-        """
-        if not all(math.isfinite(v) for v in (*self.lower, *self.upper)):
-            raise ValueError(f"box {self.lower} ... {self.upper}: must be finite")
-        if not (self.lower[0] < self.upper[0] and self.lower[1] < self.upper[1]):
-            raise ValueError(f"box {self.lower} ... {self.upper}: each upper bound must be above the lower one")
-        if len(set(self.names)) != len(self.names) or LIMIT in self.names:
-            raise ValueError(f"condition names {self.names}: must differ from one another and from {LIMIT!r}")
-
-    @property
-    def box_area(self) -> float:
-        """Area of the box."""
-        return (self.upper[0] - self.lower[0]) * (self.upper[1] - self.lower[1])
-
-    def margins(self, q1: Component, q2: Component) -> np.ndarray:
-        """All margins, shape (number of conditions, ...); -1 where one is not a number."""
-        q1, q2 = np.broadcast_arrays(np.asarray(q1, float), np.asarray(q2, float))
-        with np.errstate(all="ignore"):
-            values = np.stack([np.broadcast_to(v, q1.shape) for v in self.conditions(q1, q2)])
-        np.nan_to_num(values, copy=False, nan=-1.0, posinf=1e300, neginf=-1e300)
-        return values
-
-    def margin(self, q1: Component, q2: Component) -> np.ndarray:
-        """The smallest margin, positive inside and continuous; the box is not part of it."""
-        if self.least is None:
-            return np.asarray(self.margins(q1, q2).min(axis=0))
-        with np.errstate(all="ignore"):
-            value = np.asarray(self.least(np.asarray(q1, float), np.asarray(q2, float)))
-        return np.where(np.isnan(value), -1.0, value)
-
-    def active(self, q1: Component, q2: Component) -> np.ndarray:
-        """Index of the condition with the smallest margin."""
-        return np.asarray(self.margins(q1, q2).argmin(axis=0))
-
-    def contains(self, q1: Component, q2: Component) -> np.ndarray:
-        """Whether points are inside, the box included."""
-        inside = self.margin(q1, q2) > 0
-        for q, low, high in zip((q1, q2), self.lower, self.upper, strict=True):
-            inside = inside & (np.asarray(q) >= low) & (np.asarray(q) <= high)
-        return np.asarray(inside)
-
-    def with_condition(self, name: str, margin: Callable[[Any, Any], Component]) -> "Region":
-        """The part of this region in which one more margin is positive."""
-        return replace(
-            self,
-            conditions=lambda q1, q2: (*self.conditions(q1, q2), margin(q1, q2)),
-            names=(*self.names, name),
-            least=lambda q1, q2: np.minimum(self.margin(q1, q2), margin(q1, q2)),
-        )
-
-    # ------------------------------------------------------------------------------------------------------ slices
-
-    def slices(self, fixed: int, values: Any, samples: int = 129) -> list[list[Interval]]:
-        """All intervals of the region on lines along one coordinate.
-
-        Sampled, with a search for sign changes between samples (`roots.hidden_sign_changes`), then every end is
-        found to the last bits. An interval is missed only if it lies between two samples that do not
-        rise towards it.
-
-        Args:
-            fixed: the coordinate, 0 or 1, that is constant on each line.
-            values: its value for each line, shape (lines,).
-            samples: along each line.
-
-        Returns:
-            For each line its intervals in increasing order, an empty list where there is none.
-
-        Raises:
-            ValueError: fixed is neither 0 nor 1, or a value is not a finite number within the box.
-        """
-        if fixed not in (0, 1):
-            raise ValueError(f"fixed = {fixed!r}: must be 0 or 1, the coordinate that is constant on the lines")
-        lines = np.atleast_1d(np.asarray(values, float))
-        low, high = self.lower[fixed], self.upper[fixed]
-        if not np.all((lines >= low) & (lines <= high)):
-            raise ValueError(f"values = {values!r}: must lie in [{low:g}, {high:g}]")
-        return self._slices(np.full(len(lines), fixed), lines, samples)
-
-    def _slices(self, fixed: np.ndarray, lines: np.ndarray, samples: int) -> list[list[Interval]]:
-        """Intervals on lines, each with its own fixed coordinate."""
-        first = fixed == 0
-
-        def at(line: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            value, is_first = lines[line], first[line]
-            return np.where(is_first, value, s), np.where(is_first, s, value)
-
-        def margin(line: np.ndarray, s: np.ndarray) -> np.ndarray:
-            return self.margin(*at(line, s))
-
-        share = np.linspace(0.0, 1.0, samples)
-        low = np.where(first, self.lower[1], self.lower[0])[:, None]
-        s = low + (np.where(first, self.upper[1], self.upper[0])[:, None] - low) * share
-        s[:, -1] = np.where(first, self.upper[1], self.upper[0])
-        index = np.arange(len(lines))
-        sampled = np.empty(s.shape)
-        for k in np.unique(fixed):  # a coordinate that is constant on its line is evaluated once
-            mine = np.flatnonzero(fixed == k)
-            constant, along = lines[mine][:, None], s[mine[0]][None, :]
-            sampled[mine] = self.margin(*((constant, along) if k == 0 else (along, constant)))
-        inside = sampled > 0
-        # Brackets (line, outer or inner end, other end): between samples that differ, and around hidden changes.
-        line, i = np.nonzero(inside[:, 1:] != inside[:, :-1])
-        begin, end = s[line, i], s[line, i + 1]
-        hidden, x = hidden_sign_changes(margin, s, sampled)
-        if len(hidden):
-            line = np.concatenate([np.repeat(index, samples), hidden])
-            place = np.concatenate([s.ravel(), x])
-            flags = np.concatenate([inside.ravel(), margin(hidden, x) > 0])
-            order = np.lexsort((place, line))
-            line, place, flags = line[order], place[order], flags[order]
-            change = np.flatnonzero((flags[1:] != flags[:-1]) & (line[1:] == line[:-1]))
-            line, begin, end = line[change], place[change], place[change + 1]
-        roots = bracketed_roots(lambda t: margin(line, t), begin, end)
-        active = self.active(*at(line, roots))
-        ends: list[list[tuple[float, str]]] = [[] for _ in lines]
-        for k in np.flatnonzero(inside[:, 0]):
-            ends[k].append((float(s[k, 0]), LIMIT))
-        for k, root, condition in zip(line.tolist(), roots.tolist(), active.tolist(), strict=True):
-            ends[k].append((root, self.names[condition]))
-        for k in np.flatnonzero(inside[:, -1]):
-            ends[k].append((float(s[k, -1]), LIMIT))
-        return [
-            [Interval(a, b, name_a, name_b) for (a, name_a), (b, name_b) in zip(found[::2], found[1::2], strict=True)]
-            for found in ends
-        ]
-
-    def scan(self, lines: int = 50, samples: int = 129) -> BoundaryPoints:
-        """Boundary points on equally spaced grid lines in both directions, as a cloud.
-
-        Args:
-            lines: in each direction.
-            samples: along each line, see `slices`.
-        """
-        fixed = np.repeat([1, 0], lines)
-        values = np.concatenate([np.linspace(self.lower[k], self.upper[k], lines) for k in (1, 0)])
-        points: list[tuple[float, float]] = []
-        names: list[str] = []
-        along: list[int] = []
-        for k, value, intervals in zip(
-            fixed.tolist(), values.tolist(), self._slices(fixed, values, samples), strict=True
-        ):
-            for interval in intervals:
-                for end, name in zip(interval[:2], interval[2:], strict=True):
-                    points.append((value, end) if k == 0 else (end, value))
-                    names.append(name)
-                    along.append(k)
-        return BoundaryPoints(np.array(points).reshape(-1, 2), names, np.array(along, int))
-
-    # ---------------------------------------------------------------------------------------------------- boundary
-
-    def trace(
-        self,
-        resolution: int = 256,
-        tolerance: float = 1e-6,
-        image: Map | None = None,
-        finest: int = 2048,
-        lines: int = 64,
-    ) -> "Traced":
-        """The boundary as closed polygons.
-
-        A grid tells which of its edges the boundary crosses; it is made twice as fine, up to `finest`, while a cell is
-        ambiguous or a local extremum between its nodes has the other sign. The crossings are then found exactly,
-        corners are added where two conditions meet, and chords are halved until the curve is within `tolerance` of
-        them.
-
-        Args:
-            resolution: cells of the grid along each coordinate.
-            tolerance: largest distance between curve and chord, relative to the size of the box; with `image` also
-                in the image, relative to its size.
-            image: a map of the plane; its curves are then as smooth as the region's own.
-            finest: largest resolution.
-            lines: in each direction, along which exact slices check what the grid may have missed; 0 for no check.
-
-        Raises:
-            ValueError: resolution or tolerance is out of range.
-        """
-        if resolution < 4 or not 0 < tolerance < 1:
-            raise ValueError(f"resolution = {resolution}, tolerance = {tolerance}: need at least 4 cells, 0 < tol < 1")
-        while True:
-            grids = [np.linspace(low, high, resolution + 1) for low, high in zip(self.lower, self.upper, strict=True)]
-            margin = self.margin(grids[0][None, :], grids[1][:, None])
-            rings, shape = _outlines(margin)
-            small = any(len(ring) < _FEWEST for ring in rings)
-            if 2 * resolution > finest or not (small or self._is_too_coarse(margin, grids)):
-                break
-            resolution *= 2
-        traced = _trace(self, grids, margin, rings, shape, tolerance, image)
-        if not lines:
-            return traced
-        more = missed(self, traced.rings, max(float(g[1] - g[0]) for g in grids), lines, image)
-        return replace(traced, area_error=max(traced.area_error, more.area), missed_in_image=more.image)
-
-    def _is_too_coarse(self, margin: np.ndarray, grids: list[np.ndarray]) -> bool:
-        positive = margin > 0
-        diagonal = (positive[:-1, :-1] == positive[1:, 1:]) & (positive[:-1, 1:] == positive[1:, :-1])
-        if (diagonal & (positive[:-1, :-1] != positive[:-1, 1:])).any():
-            return True
-        # Nodes where |margin| is smaller than around them, and slopes that would let it reach zero within a cell.
-        size = np.abs(margin)
-        padded = np.pad(size, 1, mode="edge")
-        signs = np.pad(positive, 1, mode="edge")
-        n2, n1 = size.shape
-        least, rise, alike = np.ones(size.shape, bool), np.zeros(size.shape), np.ones(size.shape, bool)
-        for i, j in ((0, 0), (0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1), (2, 2)):
-            neighbour = padded[i : i + n2, j : j + n1]
-            least &= size <= neighbour
-            rise = np.maximum(rise, neighbour - size)
-            alike &= signs[i : i + n2, j : j + n1] == positive
-        rows, columns = np.nonzero(least & alike & (size < rise))
-        if not len(rows):
-            return False
-        fine = np.linspace(-1, 1, 13)
-        h1, h2 = grids[0][1] - grids[0][0], grids[1][1] - grids[1][0]
-        q1 = np.clip(grids[0][columns, None, None] + h1 * fine[None, :, None], self.lower[0], self.upper[0])
-        q2 = np.clip(grids[1][rows, None, None] + h2 * fine[None, None, :], self.lower[1], self.upper[1])
-        inside = self.margin(*np.broadcast_arrays(q1, q2)) > 0
-        return bool((inside != positive[rows, columns][:, None, None]).any())
 
 
 class Ring(NamedTuple):
@@ -335,7 +61,7 @@ class Traced:
         resolution: cells of the grid along each coordinate.
     """
 
-    region: Region
+    region: Conditions
     components: tuple[Component2D, ...]
     area: float
     area_error: float
@@ -427,7 +153,7 @@ class _Curves:
         self.bulge = np.insert(self.bulge, at, bulge)
 
 
-def _outlines(margin: np.ndarray) -> tuple[list[np.ndarray], list[int]]:
+def outlines(margin: np.ndarray) -> tuple[list[np.ndarray], list[int]]:
     """Rings of crossed grid edges' middles, in cells, outer ones before their holes; and rings of each component."""
     from contourpy import FillType, contour_generator  # slow to import, and only needed here
 
@@ -444,8 +170,8 @@ def _outlines(margin: np.ndarray) -> tuple[list[np.ndarray], list[int]]:
     return rings, shape
 
 
-def _trace(
-    region: Region,
+def trace(
+    region: Conditions,
     grids: list[np.ndarray],
     margin: np.ndarray,
     rings: list[np.ndarray],
@@ -453,6 +179,7 @@ def _trace(
     tolerance: float,
     image: Map | None,
 ) -> Traced:
+    """The rings of `outlines`, on a grid of these margins, as exact curves; see `Region.trace`."""
     resolution = len(grids[0]) - 1
     if not rings:
         return Traced(region, (), 0.0, 0.0, resolution)
@@ -466,7 +193,7 @@ def _trace(
 
 
 def _crossings(
-    region: Region, grids: list[np.ndarray], margin: np.ndarray, crossing: np.ndarray
+    region: Conditions, grids: list[np.ndarray], margin: np.ndarray, crossing: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Exact crossings of grid edges, and the condition active there (that of the edge of the box last)."""
     first, second = np.floor(crossing).astype(int), np.ceil(crossing).astype(int)
@@ -489,7 +216,7 @@ def _crossings(
     return points, conditions
 
 
-def _add_corners(region: Region, curves: _Curves, cell: float) -> None:
+def _add_corners(region: Conditions, curves: _Curves, cell: float) -> None:
     """Points where two conditions meet, between neighbours with different ones; and conditions of segments."""
     count = len(region.names)
     mine, nxt = curves.conditions, curves.following()
@@ -539,11 +266,11 @@ def _add_corners(region: Region, curves: _Curves, cell: float) -> None:
     curves.insert(k, q, b, np.ones(len(k), bool), np.zeros(len(k)))
 
 
-def _on_edge(region: Region, points: np.ndarray) -> np.ndarray:
+def _on_edge(region: Conditions, points: np.ndarray) -> np.ndarray:
     return np.asarray(((points == np.array(region.lower)) | (points == np.array(region.upper))).any(axis=1))
 
 
-def _refine(region: Region, curves: _Curves, tolerance: float, image: Map | None) -> None:
+def _refine(region: Conditions, curves: _Curves, tolerance: float, image: Map | None) -> None:
     """Halve chords, the new points on the active condition's curve, until the curve is close enough to them."""
     count = len(region.names)
     size = max(high - low for low, high in zip(region.lower, region.upper, strict=True))
@@ -581,7 +308,7 @@ def _refine(region: Region, curves: _Curves, tolerance: float, image: Map | None
 
 
 def _onto_curve(
-    region: Region, condition: np.ndarray, middle: np.ndarray, normal: np.ndarray, length: np.ndarray, edge: int
+    region: Conditions, condition: np.ndarray, middle: np.ndarray, normal: np.ndarray, length: np.ndarray, edge: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of the conditions' curves on lines through `middle`; whether found, and how far they are from it."""
     rows = np.arange(len(middle))
@@ -612,7 +339,7 @@ def _onto_curve(
     return middle + t1[:, None] * normal, good, t1
 
 
-def _assemble(region: Region, curves: _Curves, shape: list[int], resolution: int) -> Traced:
+def _assemble(region: Conditions, curves: _Curves, shape: list[int], resolution: int) -> Traced:
     # A crossing and a corner, or the two sides of a box corner, may be the same point.
     nxt = curves.following()
     keep = (curves.points[nxt] != curves.points).any(axis=1)

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.mechanics.overlay import Image, image
-from tensegrity_envs.mechanics.regions import BoundaryPoints, Region, Traced
+from tensegrity_envs.geometry.overlay import Image, image
+from tensegrity_envs.geometry.regions import BoundaryPoints, Region, Traced
 
 STABILITY, WRENCH, SINGULARITY = "stability", "wrench", "singularity"
 CLIP = 0.99 * math.pi  # [Muralidharan2022, section 5] keeps away from the flat poses by this much

@@ -11,15 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.mechanics.overlay import Image, image
-from tensegrity_envs.mechanics.regions import Region
-
-if TYPE_CHECKING:
-    from tensegrity_envs.mechanics.planar_four_bar.mechanism import PlanarFourBar
+from tensegrity_envs.geometry.overlay import Image, image
+from tensegrity_envs.geometry.regions import Region
+from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 
 MODES = ("rectangle", "paper", "flat")
 

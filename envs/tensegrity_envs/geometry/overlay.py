@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from tensegrity_envs.mechanics.regions import Map, Traced, signed_area
+from tensegrity_envs.geometry.regions import Map, Traced, signed_area
 
 PRECISION = 1e-9  # coordinates are rounded to this, relative to the size of the picture, so that equal curves are equal
 

@@ -16,7 +16,7 @@ class Disc(NamedTuple):
     radius: float
 
 
-def shortest_way(start: Components, end: Components, disc: Disc) -> tuple[Component, Components]:
+def shortest_path(start: Components, end: Components, disc: Disc) -> tuple[Component, Components]:
     """Length of the shortest way between two points that keeps out of a disc, and where to head for first. Traceable.
 
     That is straight, or a tangent, an arc and another tangent. Where a point lies within the disc, the disc shrinks

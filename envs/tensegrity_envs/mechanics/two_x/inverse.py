@@ -1,0 +1,396 @@
+"""Inverse kinematics of the 2-X manipulator: every configuration with the tip at a target, roots of one polynomial."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.mechanics.checks import check_finite
+from tensegrity_envs.mechanics.polynomials import product, real_roots
+from tensegrity_envs.mechanics.roots import circle_roots
+from tensegrity_envs.mechanics.two_x.kinematics import TwoXKinematics
+
+_FULL_TURN = 4 * math.pi  # of alpha, since theta = alpha / 2 runs once around
+_NEARLY_SINGULAR = 2e-3  # 1 - (b/l)^2, where the polynomial is not enough
+_VALLEY = 4e-15  # of the reach: tips of nearly equal bars that are no further apart are the same but for rounding
+_GRID = 25  # starts along each joint, for nearly equal bars
+_ROUNDING = 1e-6  # [rad] by which rounding may carry a double root beyond a joint limit
+_SAMPLES = 16  # of the trigonometric polynomial of the inverse kinematics; 9 would determine it
+
+
+def _samples_to_polynomial() -> np.ndarray:
+    """The matrix from samples of a trigonometric polynomial of order 4 at pi + 2 pi j / 16 to p_0 ... p_8.
+
+    With t = tan(omega/2) the trigonometric polynomial is (p_0 + ... + p_8 t^8) / (1 + t^2)^4.
+    """
+    half = (math.pi + np.arange(_SAMPLES) * (2 * math.pi / _SAMPLES)) / 2
+    power = np.arange(9)
+    return np.linalg.pinv(np.sin(half)[:, None] ** power * np.cos(half)[:, None] ** (8 - power)).T
+
+
+_SAMPLES_TO_POLYNOMIAL = _samples_to_polynomial()
+
+
+class InverseSolution(NamedTuple):
+    """One solution of the inverse kinematics.
+
+    Attributes:
+        configuration: (alpha_1, alpha_2) [rad].
+        state: "U" (up, |alpha| < pi) or "D" (down) for each joint, such as "UD".
+        singularity: det J [m2]; its sign tells the aspect.
+        stability_margin: see `TwoX.stability_margin`.
+        wrench_margin: see `TwoX.wrench_margin`.
+        residual: distance of its forward kinematics from the target [m].
+    """
+
+    configuration: tuple[float, float]
+    state: str
+    singularity: float
+    stability_margin: float
+    wrench_margin: float
+    residual: float
+
+    @property
+    def is_stable_wrench_feasible(self) -> bool:
+        """Whether feasible tensions hold this configuration in stable equilibrium."""
+        return self.stability_margin > 0 and self.wrench_margin >= 0
+
+
+def solve(
+    arm: TwoXKinematics, x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Candidates, polished and verified: index of the target, configuration and residual of every solution."""
+    if any(isinstance(value, np.ndarray) for value in (arm.design.a, arm.design.b, arm.design.l)):
+        raise ValueError("inverse kinematics takes one set of bar lengths, not a batch of them")
+    check_finite("target", (x, y), 2)
+    equal_bars = arm._excess < _NEARLY_SINGULAR * arm.design.l**2  # many candidates, the best of which are kept
+    owner, a1, a2 = _candidates(arm, x, y)
+    near = np.maximum(np.abs(a1), np.abs(a2)) < arm.design.joint_limit + 0.1
+    owner, a1, a2 = owner[near], a1[near], a2[near]
+    a1, a2 = _polish(arm, x[owner], y[owner], a1, a2)
+    if equal_bars:
+        a1, a2 = _along_valleys(arm, x[owner], y[owner], a1, a2)
+    a1, a2 = (2 * math.pi - (2 * math.pi - alpha) % _FULL_TURN for alpha in (a1, a2))  # into (-2 pi, 2 pi]
+    a1, a2 = _onto_limits(arm, x[owner], y[owner], a1, a2)
+    px, py = arm.tip((a1, a2))
+    residual = np.hypot(px - x[owner], py - y[owner])
+    rounding = (_VALLEY if equal_bars else 1e-12) * arm.reach
+    keep = (residual < rounding) & arm.is_within_limits((a1, a2))
+    if arm.design.joint_limit <= math.pi:  # which leaves the flat poses out
+        keep &= np.maximum(np.abs(a1), np.abs(a2)) < math.pi - 1e-9
+    order = np.lexsort((residual[keep], owner[keep]) if equal_bars else (a2[keep], a1[keep], owner[keep]))
+    owner, a1, a2, residual = (values[keep][order] for values in (owner, a1, a2, residual))
+    if equal_bars:
+        new = _leaders(arm, x, y, owner, a1, a2, residual)
+    else:
+        new = _new_solutions(arm, x, y, owner, a1, a2, residual)
+    kept = np.flatnonzero(new)
+    kept = kept[np.lexsort((a2[kept], a1[kept], owner[kept]))]
+    return owner[kept], (a1[kept], a2[kept]), residual[kept]
+
+
+def _new_solutions(
+    arm: TwoXKinematics,
+    x: np.ndarray,
+    y: np.ndarray,
+    owner: np.ndarray,
+    a1: np.ndarray,
+    a2: np.ndarray,
+    residual: np.ndarray,
+) -> np.ndarray:
+    """Which candidates are solutions of their own; others differ by rounding, sqrt(eps) at a double root."""
+    new = np.ones(len(owner), bool)
+    for lag in range(1, len(owner)):
+        same = owner[lag:] == owner[:-lag]
+        if not same.any():
+            break
+        gap = _angle_gap(a1[lag:], a1[:-lag]) + _angle_gap(a2[lag:], a2[:-lag])
+        one = gap <= 1e-6
+        near = np.flatnonzero(same & ~one & (gap < 1e-5))  # of a double root: what lies between is as good
+        px, py = arm.tip(tuple((a[lag:][near] + a[:-lag][near]) / 2 for a in (a1, a2)))
+        between = np.hypot(px - x[owner[lag:][near]], py - y[owner[lag:][near]])
+        one[near] = between <= np.maximum(residual[lag:][near], residual[:-lag][near])
+        new[lag:] &= ~same | ~one
+    return new
+
+
+def _leaders(
+    arm: TwoXKinematics,
+    x: np.ndarray,
+    y: np.ndarray,
+    owner: np.ndarray,
+    a1: np.ndarray,
+    a2: np.ndarray,
+    residual: np.ndarray,
+) -> np.ndarray:
+    """The same for nearly equal bars, whose solutions are long valleys; the best candidates come first.
+
+    A candidate belongs to a better one where the tip, all the way between them along the valley's floor, is no
+    further from the target than at the worse of the two, or than rounding.
+    """
+    new = np.zeros(len(owner), bool)
+    left = np.arange(len(owner))
+    rounding = _VALLEY * arm.reach
+    between = np.linspace(0.0, 1.0, 18)[1:-1, None]
+    while len(left):
+        _, first, group = np.unique(owner[left], return_index=True, return_inverse=True)
+        new[left[first]] = True
+        best = left[first][group]
+        ways = [(alpha[left] - alpha[best] + 2 * math.pi) % _FULL_TURN - 2 * math.pi for alpha in (a1, a2)]
+        q = (a1[best] + between * ways[0], a2[best] + between * ways[1])
+        length = np.abs(ways[0]) + np.abs(ways[1])
+        for _ in range(4):  # down the gradient, to the floor of a bent valley
+            px, py = arm.tip(q)
+            ex, ey = px - x[owner[left]], py - y[owner[left]]
+            rows = arm.jacobian(q)
+            square = sum(part * part for row in rows for part in row) + 1e-300
+            steps = [(rows[0][i] * ex + rows[1][i] * ey) / square for i in range(2)]
+            shrink = 0.1 * length / np.maximum(0.1 * length + 1e-300, np.hypot(*steps))
+            q = (q[0] - shrink * steps[0], q[1] - shrink * steps[1])
+        px, py = arm.tip(q)
+        off = np.hypot(px - x[owner[left]], py - y[owner[left]]).max(axis=0)
+        one = (length <= 1e-6) | (off <= np.maximum(residual[left], rounding))
+        left = left[~one]
+    return new
+
+
+def _onto_limits(
+    arm: TwoXKinematics, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Angles that rounding has carried beyond a joint limit, put onto it; the other joint makes up for it."""
+    limit, beyond, stride = arm.design.joint_limit, _ROUNDING, 1e-3
+    if arm._excess < _NEARLY_SINGULAR * arm.design.l**2:  # valleys along which the tip moves less than rounding
+        beyond = stride = 0.3
+        if limit == math.pi:
+            limit -= 2e-9  # since a flat pose counts as none
+    over = [np.abs(alpha) > limit for alpha in (a1, a2)]
+    index = np.flatnonzero((over[0] | over[1]) & (np.maximum(np.abs(a1), np.abs(a2)) < limit + beyond))
+    if not len(index):
+        return a1, a2
+    q = [np.clip(alpha[index], -limit, limit) for alpha in (a1, a2)]
+    free = [~part[index] for part in over]
+    for _ in range(20):
+        px, py = arm.tip((q[0], q[1]))
+        ex, ey = px - x[index], py - y[index]
+        rows = arm.jacobian((q[0], q[1]))
+        for i in range(2):
+            dx, dy = rows[0][i], rows[1][i]
+            step = (dx * ex + dy * ey) / (dx * dx + dy * dy + 1e-300)
+            q[i] = np.where(free[i], np.clip(q[i] - np.clip(step, -stride, stride), -limit, limit), q[i])
+    a1, a2 = a1.copy(), a2.copy()
+    a1[index], a2[index] = q
+    return a1, a2
+
+
+def _polish(
+    arm: TwoXKinematics, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Damped Newton steps from every candidate to its target: the best point of each way.
+
+    Steps that lead further away are taken back, and damped more: next to a singularity, where two solutions meet,
+    full steps would run along the direction that moves the tip least.
+    """
+    a1, a2 = a1.copy(), a2.copy()
+    px, py = arm.tip((a1, a2))
+    ex, ey = px - x, py - y
+    square, damped = ex * ex + ey * ey, np.full(len(a1), 1e-3)
+    active = np.arange(len(a1))
+    size = arm.reach
+    for _ in range(60):
+        q = (a1[active], a2[active])
+        (xa, xb), (ya, yb) = arm.jacobian(q)
+        # Levenberg's damping, quadratically small in the error: Newton's speed, yet finite steps where det J is 0.
+        ux, uy = ex[active], ey[active]
+        damping = damped[active] * square[active] / size**2
+        m11, m12, m22 = xa * xa + ya * ya + damping, xa * xb + ya * yb, xb * xb + yb * yb + damping
+        v1, v2 = xa * ux + ya * uy, xb * ux + yb * uy
+        det = xa * yb - xb * ya
+        det = det * det + damping * (m11 + m22 - damping) + 1e-300
+        step1, step2 = (m22 * v1 - m12 * v2) / det, (m11 * v2 - m12 * v1) / det
+        length = np.hypot(step1, step2)
+        shrink = 0.3 / np.maximum(0.3, length)
+        new1, new2 = q[0] - shrink * step1, q[1] - shrink * step2
+        px, py = arm.tip((new1, new2))
+        there = (px - x[active]) ** 2 + (py - y[active]) ** 2
+        better = there <= square[active]
+        done = active[better]
+        a1[done], a2[done], square[done] = new1[better], new2[better], there[better]
+        ex[done], ey[done] = (px - x[active])[better], (py - y[active])[better]
+        damped[active] *= np.where(better, 0.1, 100.0)
+        damped[active] = np.maximum(damped[active], 1e-3)
+        active = active[(length > 1e-11) & (square[active] > 0) & (damped[active] < 1e40)]
+        if not len(active):
+            break
+    return a1, a2
+
+
+def _along_valleys(
+    arm: TwoXKinematics, x: np.ndarray, y: np.ndarray, a1: np.ndarray, a2: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Newton steps that may lead further away: a step along a bent valley leaves it, the next one returns to it."""
+    best1, best2 = a1.copy(), a2.copy()
+    least = np.full(len(a1), np.inf)
+    for _ in range(12):
+        px, py = arm.tip((a1, a2))
+        ex, ey = px - x, py - y
+        error = np.hypot(ex, ey)
+        better = error < least
+        least = np.where(better, error, least)
+        best1, best2 = np.where(better, a1, best1), np.where(better, a2, best2)
+        (xa, xb), (ya, yb) = arm.jacobian((a1, a2))
+        det = xa * yb - xb * ya
+        det = np.where(det == 0, np.inf, det)
+        step1, step2 = (yb * ex - xb * ey) / det, (xa * ey - ya * ex) / det
+        shrink = 0.3 / np.maximum(0.3, np.hypot(step1, step2))
+        a1, a2 = a1 - shrink * step1, a2 - shrink * step2
+    return best1, best2
+
+
+def _candidates(arm: TwoXKinematics, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A starting point close to every solution: index of the target, alpha_1, alpha_2.
+
+    Seen from the base of joint 2, in its axes, the tip runs along a curve that has no square root in it: with d
+    the tip's position, k = d.d - a^2 - l^2,
+
+        (k + l^2) k + b^2 d_y^2 - 2 a (l^2 - b^2) d_y - a^2 (2 l^2 - b^2) = 0.
+
+    An X-joint moves like two rolling ellipses; in their eccentric anomaly psi, tan(alpha/2) = sqrt(1 - b^2/l^2)
+    tan(psi), r = sqrt(l^2 - b^2) / h, h^2 = cos^2(psi) + (1 - b^2/l^2) sin^2(psi). Times h^4 the curve's equation
+    is therefore a trigonometric polynomial of order 4 in psi_1, known from a few samples: at most eight
+    solutions, the real roots of a polynomial of degree eight. (Without offsets h^2 divides it; what is left is the
+    quartic of [Furet2018, Eqs. 3-8] in another variable.)
+    """
+    a, l = arm.design.a, arm.design.l
+    distance = np.maximum(np.abs(x), np.abs(y))
+    if a == 0 and (distance < 1e-12 * l).any():
+        raise ValueError("target (0, 0): the base, which every configuration with alpha_1 + alpha_2 = +-2 pi reaches")
+    within = np.flatnonzero(distance <= arm.reach)
+    x, y = x[within], y[within]
+    psi = np.arange(_SAMPLES) * (2 * math.pi / _SAMPLES)
+    flatness = arm._excess / (l * l)
+    hh = np.cos(psi) ** 2 + flatness * np.sin(psi) ** 2
+    _, dy, dd = _beyond_joint_1(arm, x[:, None], y[:, None], _from_anomaly(arm, psi))
+    samples = _off_curve(arm, dy, dd) * (hh * hh)
+    # The variable is t = tan(omega/2), with t = infinity where the sample is largest: no root is near infinity.
+    top = np.abs(samples).argmax(axis=1)
+    turned = samples[np.arange(len(x))[:, None], (top[:, None] + np.arange(_SAMPLES)) % _SAMPLES]
+    polynomial = product(turned, _SAMPLES_TO_POLYNOMIAL)
+    owner, t = real_roots(polynomial)
+    a1 = _from_anomaly(arm, psi[top[owner]] + math.pi + 2 * np.arctan(t))
+    # Ill-conditioned where the bars are nearly equal: all but the smallest angles have anomalies next to pi / 2.
+    if flatness < _NEARLY_SINGULAR:
+        more = _scanned(arm, x, y)
+        owner, a1 = np.concatenate([owner, more[0]]), np.concatenate([a1, more[1]])
+    a2, u, rc, rr = _second_angle(arm, *_beyond_joint_1(arm, x[owner], y[owner], a1))
+    # Where the curve crosses itself (u = 0) a point of it belongs to both signs of alpha_2.
+    node = np.flatnonzero(np.abs(u) < 1e-3 * l * l)
+    fold = 2 * np.arccos(np.clip(rc[node] / np.sqrt(rr[node] + 1e-300), -1.0, 1.0))
+    owner = within[owner]
+    owner, a1, a2 = (
+        np.concatenate([owner, owner[node], owner[node]]),
+        np.concatenate([a1, a1[node], a1[node]]),
+        np.concatenate([a2, fold, -fold]),
+    )
+    if flatness < _NEARLY_SINGULAR:  # and alpha_2 from alpha_1 is ill-conditioned at singularities and limits
+        limit = arm.design.joint_limit
+        axis = np.linspace(-limit, limit, _GRID)
+        # A joint whose midpoints meet turns within angles of this size.
+        near = np.geomspace(math.sqrt(flatness), 0.1, 6)
+        axis = np.concatenate([axis, near, -near, 2 * math.pi - near, near - 2 * math.pi])
+        axis = axis[np.abs(axis) <= limit]
+        grid = [part.ravel() for part in np.meshgrid(axis, axis)]
+        owner = np.concatenate([owner, np.repeat(within, len(grid[0]))])
+        a1, a2 = (np.concatenate([a, np.tile(part, len(within))]) for a, part in zip((a1, a2), grid, strict=True))
+    return owner, a1, a2
+
+
+def _off_curve(arm: TwoXKinematics, dy: Component, dd: Component) -> Component:
+    """0 where joint 2 can reach the target; see `_candidates`."""
+    a, l, bb = arm.design.a, arm.design.l, arm._bb
+    u = dd - a * a
+    return u * (u - l * l) + bb * dy * dy - a * (2 * arm._excess * dy + a * (l * l + arm._excess))
+
+
+def _second_angle(
+    arm: TwoXKinematics, dx: Component, dy: Component, dd: Component
+) -> tuple[Component, Component, Component, Component]:
+    """alpha_2 [rad] of a target on the curve, u = d.d - a^2, r cos(alpha_2/2) and r^2; see `_candidates`."""
+    xp = arm._xp(dx, dy, dd)
+    a, l, bb = arm.design.a, arm.design.l, arm._bb
+    u = dd - a * a
+    rc = (a * (2 * (u - l * l) + bb) + bb * dy) / (bb + 4 * a * a)
+    rr = xp.maximum(u - 2 * a * rc, 0.0)
+    sign = xp.where(u > 0, 1.0, xp.where(u < 0, -1.0, 0.0))
+    return 2 * xp.atan2(-rr * dx * sign, rc * abs(u)), u, rc, rr
+
+
+def through_anomaly(
+    arm: TwoXKinematics, x: Component, y: Component, psi: Component
+) -> tuple[tuple[Component, Component], Component, Component]:
+    """What the inverse kinematics looks for roots of, along the circle of joint 1's eccentric anomaly. Traceable.
+
+    Returns:
+        (alpha_1, alpha_2) [rad] with the tip at (x, y) [m] where the second result is 0; that result; and u, next
+        to whose zeros [m2] alpha_2 has another solution.
+    """
+    alpha1 = _from_anomaly(arm, psi)
+    dx, dy, dd = _beyond_joint_1(arm, x, y, alpha1)
+    alpha2, u, _, _ = _second_angle(arm, dx, dy, dd)
+    return (alpha1, alpha2), _off_curve(arm, dy, dd), u
+
+
+def _scanned(arm: TwoXKinematics, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Index of the target and alpha_1 of solutions, by even scans of the circle of alpha_1 and of its anomaly."""
+    n = len(x)
+
+    def off(line: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        a1 = np.where(line < n, 2 * angle, _from_anomaly(arm, angle))
+        _, dy, dd = _beyond_joint_1(arm, x[line % n], y[line % n], a1)
+        return np.asarray(_off_curve(arm, dy, dd))
+
+    if not n:
+        return np.zeros(0, int), np.zeros(0)
+    line, angle = circle_roots(off, 2 * n, 720, 1e-12)
+    return line % n, np.where(line < n, 2 * angle, _from_anomaly(arm, angle))
+
+
+def _from_anomaly(arm: TwoXKinematics, psi: Component) -> Component:
+    """The angle alpha [rad] at which the eccentric anomaly of a joint's rolling ellipses is psi."""
+    xp = arm._xp(psi)
+    return 2 * xp.atan2(xp.sqrt(arm._excess) / arm.design.l * xp.sin(psi), xp.cos(psi))
+
+
+def _beyond_joint_1(
+    arm: TwoXKinematics, x: Component, y: Component, a1: Component
+) -> tuple[Component, Component, Component]:
+    """The target seen from the base of joint 2, in that base's axes, and its distance squared."""
+    joint = arm._joint(arm._xp(x, y, a1), a1)
+    sin, cos = 2 * joint.s * joint.c, joint.c**2 - joint.s**2
+    dx = x + joint.r * joint.s + arm.design.a * sin
+    dy = y - joint.r * joint.c - arm.design.a * cos
+    return cos * dx + sin * dy, cos * dy - sin * dx, dx * dx + dy * dy
+
+
+def furet_quartic(x: float, y: float, b: float) -> np.ndarray:
+    """Coefficients a4 ... a0 of [Furet2018, Eqs. 4-8] in t = tan(phi_1/2), for L = 1.
+
+    phi_1, which the paper does not define, is the orientation of the long bar from the left base pivot to the top
+    right one.
+    """
+    xx, yy, bb = x * x, y * y, b * b
+    rr = (xx + yy) ** 2
+    return np.array(
+        [
+            (b + 1) ** 2 * (bb * yy + rr + 4 * x * (xx + yy) + 5 * xx + yy + 2 * x),
+            4 * y * (b + 1) * (2 * bb * x + bb - 2 * xx - 2 * yy - 4 * x - 1),
+            2 * (bb * bb * yy + bb * rr + bb * xx - 10 * bb * yy + rr - 3 * xx + 9 * yy),
+            4 * y * (b - 1) * (2 * bb * x - bb + 2 * xx + 2 * yy - 4 * x + 1),
+            (b - 1) ** 2 * (bb * yy + rr - 4 * x * (xx + yy) + 5 * xx + yy - 2 * x),
+        ]
+    )
+
+
+def _angle_gap(first: Any, second: Any) -> Any:
+    gap = np.abs(first - second) % _FULL_TURN
+    return np.minimum(gap, _FULL_TURN - gap)
