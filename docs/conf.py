@@ -79,7 +79,13 @@ def before(_app):
         write_playground(page, HERE / "_build" / "extra" / "playground" / f"{name}.html")
 
 
+def without_aliases(_app, _what, _name, member, skip, _options):
+    """Fields of named tuples are told of by the class; their own docstrings only count them."""
+    return skip or (getattr(member, "__doc__", None) or "").startswith("Alias for field number")
+
+
 def setup(app):
-    """Connect both."""
+    """Connect all."""
+    app.connect("autodoc-skip-member", without_aliases)
     app.connect("builder-inited", before, priority=1)
     app.connect("autodoc-process-docstring", as_restructured, priority=1)
