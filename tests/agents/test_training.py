@@ -467,7 +467,7 @@ def test_shipped_configs_are_valid(path):
     load_experiment(path)
 
 
-@pytest.mark.parametrize("script", ["train", "evaluate", "compare", "benchmark"])
+@pytest.mark.parametrize("script", ["train", "evaluate", "compare", "benchmark", "tune"])
 def test_scripts_teach_and_refuse(script):
     """--help names what the script does; a misspelt option or environment is answered with what exists."""
     command = [sys.executable, str(ROOT / "scripts" / f"{script}.py")]
@@ -476,7 +476,7 @@ def test_scripts_teach_and_refuse(script):
     assert "--" in shown
     bad = subprocess.run([*command, "--confg", "x"], check=False, **run)
     assert bad.returncode == 2
-    if script in ("evaluate", "compare", "train"):
+    if script in ("evaluate", "compare", "train", "tune"):
         bad = subprocess.run([*command, "--env", "TwoXRech-v0"], check=False, **run)
         assert bad.returncode == 2
         assert "TwoXReach-v0" in bad.stdout

@@ -8,6 +8,7 @@ import gymnasium as gym
 
 from tensegrity_agents.controllers import dual_triangle, planar_four_bar, spatial_prism, two_x
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
+from tensegrity_agents.controllers.dynamic_servo import RestingRamp
 from tensegrity_agents.controllers.planar_four_bar.dynamic import DampedFeedback, PlannedPath
 from tensegrity_agents.controllers.random import RandomController
 from tensegrity_agents.controllers.spatial_prism.dynamic import CurveTracking, TrackingFeedback
@@ -23,6 +24,8 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
         "closed_form_ik": two_x.ClosedFormIK,
         "pseudo_inverse": two_x.PseudoInverse,
         "observer": two_x.Observer,
+        "servo": two_x.Servo,
+        "identifying_observer": two_x.IdentifyingObserver,
         "oracle": two_x.Oracle,
     },
     "TwoXPostureChange": {
@@ -36,6 +39,8 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
         "closed_form_squares": dual_triangle.ClosedFormSquares,
         "pseudo_inverse": dual_triangle.PseudoInverse,
         "observer": dual_triangle.Observer,
+        "servo": dual_triangle.Servo,
+        "identifying_observer": dual_triangle.IdentifyingObserver,
         "oracle": dual_triangle.Oracle,
     },
     "DualTrianglePush": {
@@ -69,6 +74,7 @@ DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
         "closed_form_ramp": partial(Ramp, base=dual_triangle.ClosedFormSquares),
         "pseudo_inverse": partial(Feedback, base=dual_triangle.PseudoInverse),
         "observer": partial(Ramp, base=dual_triangle.Observer),
+        "identifying_observer": partial(RestingRamp, base=dual_triangle.Observer),
         "oracle": partial(Ramp, base=dual_triangle.Oracle),
     },
     "PlanarFourBarReach": {

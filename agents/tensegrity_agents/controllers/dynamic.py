@@ -161,9 +161,9 @@ class Planned(Damped[Memory]):
     shortest = 60
     pace: Pace = "smooth"
 
-    def _plan(self, observed: DecodedObservation, index: np.ndarray) -> np.ndarray:
+    def _plan(self, observed: DecodedObservation, index: np.ndarray, shortest: int | None = None) -> np.ndarray:
         """Inputs after each step of the environments at `index`: what the quasi-static controller does, its mechanism
-        being where it says.
+        being where it says. A smooth course takes at least `shortest` steps, by default those of the class.
         """
         start = np.ones(len(index), bool)
         self.base.begin_episodes(start, self.nominal.design, rows_of(self.privileged, index))
@@ -175,13 +175,15 @@ class Planned(Damped[Memory]):
             path.append(inputs)
             start = np.zeros(len(index), bool)
         laid_out = np.stack(path, axis=1)
-        return self._smoothed(laid_out) if self.pace == "smooth" else laid_out[:, 1:]
+        if self.pace != "smooth":
+            return laid_out[:, 1:]
+        return self._smoothed(laid_out, self.shortest if shortest is None else shortest)
 
-    def _smoothed(self, path: np.ndarray) -> np.ndarray:
-        """The same path in the same shape, at another pace."""
+    def _smoothed(self, path: np.ndarray, shortest: int) -> np.ndarray:
+        """The same path in the same shape, at another pace, in at least so many steps."""
         moving = np.abs(np.diff(path, axis=1)).max(axis=2) > 1e-9 * (self.high - self.low)
         length = np.where(moving.any(axis=1), path.shape[1] - 1 - moving[:, ::-1].argmax(axis=1), 0)
-        steps = np.maximum(np.ceil(_PEAK * length), self.shortest)
+        steps = np.maximum(np.ceil(_PEAK * length), shortest)
         s = np.minimum(np.arange(1, _COURSE + 1) / steps[:, None], 1.0)
         place = length[:, None] * (10 * s**3 - 15 * s**4 + 6 * s**5)
         before = np.minimum(np.floor(place).astype(int), path.shape[1] - 2)

@@ -9,16 +9,19 @@ from tensegrity_agents.controllers.dual_triangle.reach import (
     Oracle,
     PseudoInverse,
 )
+from tensegrity_agents.controllers.dual_triangle.servo import IdentifyingObserver, Servo
 
 __all__ = [
     "ClosedFormMax",
     "ClosedFormSquares",
     "ClosedFormSum",
     "HoldInputs",
+    "IdentifyingObserver",
     "Observer",
     "Oracle",
     "PseudoInverse",
     "PushObserver",
     "PushOracle",
     "PushPseudoInverse",
+    "Servo",
 ]

@@ -8,7 +8,7 @@ import numpy as np
 from tensegrity_agents.controllers.base import AnalyticController, ragged
 from tensegrity_agents.controllers.two_x.planning import choose_solution, plan
 from tensegrity_agents.controllers.two_x.reading import configuration_from_tip, estimate_payload
-from tensegrity_agents.controllers.two_x.tracking import joint_action, tension_action
+from tensegrity_agents.controllers.two_x.tracking import joint_action, resolved_rate, tension_action
 from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics import TwoX
 from tensegrity_envs.observation import DecodedObservation
@@ -46,6 +46,7 @@ class ReachController(AnalyticController[Memory]):
     """
 
     nominal: TwoX
+    clearance = 0.0  # [-] of paths, see `choose_solution`
 
     def __init__(self, core: Core) -> None:
         super().__init__(core)
@@ -74,22 +75,25 @@ class ReachController(AnalyticController[Memory]):
 
     def _paths(self, model: TwoX, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
         """Waypoints (k, 2) for the episodes that begin: the chosen inverse solution."""
-        goal, _ = choose_solution(model, start, observed.target)
+        goal, _ = choose_solution(model, start, observed.target, self.clearance)
         return [point[None] for point in goal]
 
     def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         configuration = configuration_from_tip(self.nominal, observed, memory.configuration)
         return self._move(observed, memory._replace(configuration=configuration))
 
-    def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
-        """Actions along the path, and what to remember."""
-        here = memory.configuration if self.control == "joint" else memory.commanded
+    def next_waypoint(self, here: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """The waypoints to go to from `here`, both (n, 2) [rad], and the memory in which those visited are passed."""
         leg = memory.leg.copy()
         for i, path in enumerate(memory.path):
             while leg[i] < len(path) - 1 and np.abs(path[leg[i]] - here[i]).max() < _ARRIVED:
                 leg[i] += 1
-        goal = np.stack([path[k] for path, k in zip(memory.path, leg, strict=True)])
-        memory = memory._replace(leg=leg)
+        return np.stack([path[k] for path, k in zip(memory.path, leg, strict=True)]), memory._replace(leg=leg)
+
+    def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """Actions along the path, and what to remember."""
+        here = memory.configuration if self.control == "joint" else memory.commanded
+        goal, memory = self.next_waypoint(here, memory)
         if self.control == "joint":
             return joint_action(here, goal), memory
         action, commanded = tension_action(self._arm(memory.payload), here, goal, observed.tensions)
@@ -128,13 +132,7 @@ class PseudoInverse(ReachController):
         close = np.hypot(*error.T)[:, None] < 0.05
         integral = np.where(close, memory.integral + error, 0.0)
         wanted = self.gain * error + self.integral_gain * integral
-        (xa, xb), (ya, yb) = self.nominal.jacobian(tuple(memory.configuration.T))
-        # J^T (J J^T + d^2 I)^-1, for 2 x 2 matrices
-        d = self.damping**2
-        m11, m12, m22 = xa * xa + xb * xb + d, xa * ya + xb * yb, ya * ya + yb * yb + d
-        det = m11 * m22 - m12 * m12
-        u, v = (m22 * wanted[:, 0] - m12 * wanted[:, 1]) / det, (m11 * wanted[:, 1] - m12 * wanted[:, 0]) / det
-        step = np.stack([xa * u + ya * v, xb * u + yb * v], axis=1)
+        step = resolved_rate(self.nominal, memory.configuration, wanted, self.damping)
         memory = memory._replace(integral=integral)
         if self.control == "joint":
             return joint_action(memory.configuration, memory.configuration + step), memory
@@ -162,7 +160,6 @@ class Oracle(Observer):
 
     wants_privileged = True
     knows = "the true payload; plans paths inside the stable wrench-feasible set"
-    clearance = 0.0  # see `choose_solution`
 
     def _believed(self, observed: DecodedObservation, index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         configuration, commanded, _ = super()._believed(observed, index)

@@ -14,6 +14,16 @@ def joint_action(here: np.ndarray, goal: np.ndarray) -> np.ndarray:
     return np.asarray(change / np.maximum(np.abs(change).max(axis=1, keepdims=True), JointControl.rate))
 
 
+def resolved_rate(model: TwoX, q: np.ndarray, wanted: np.ndarray, damping: float) -> np.ndarray:
+    """Joint steps (n, 2) [rad] for wanted tip steps (n, 2) [m]: J^T (J J^T + d^2 I)^-1 at q (n, 2), with d [m/rad]."""
+    (xa, xb), (ya, yb) = model.jacobian(tuple(q.T))
+    d = damping**2
+    m11, m12, m22 = xa * xa + xb * xb + d, xa * ya + xb * yb, ya * ya + yb * yb + d
+    det = m11 * m22 - m12 * m12
+    u, v = (m22 * wanted[:, 0] - m12 * wanted[:, 1]) / det, (m11 * wanted[:, 1] - m12 * wanted[:, 0]) / det
+    return np.stack([xa * u + ya * v, xb * u + yb * v], axis=1)
+
+
 def tension_action(
     model: TwoX, commanded: np.ndarray, goal: np.ndarray, tensions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

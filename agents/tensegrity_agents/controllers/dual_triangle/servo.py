@@ -1,0 +1,121 @@
+"""Controllers of the dual-triangle arm that is not quite the nominal one, behind a delay, seen through noise.
+
+Both plan as a nominal controller does and track their own command u, not the measured inputs, so that a delay only
+moves the same inputs to later steps. When the command has rested at the end of the plan for `wait` steps, longer than
+the delay, and `mean` steps more, they look again, at the mean of the tips of the latter, which averages the noise; if
+the error is more than `enough` tolerances they plan anew from their command.
+
+The servo moves its target: with the error e = target - mean tip that is left,
+
+    target' <- target' + e  (of at most `largest`),
+
+an integral in steps. The identifying observer solves configuration and load anew from mean tip and command
+(`identification.explain`: the stable stationary points of the springs' energy along the tip's self-motion curve) and
+plans with these. A wrong stiffness is then told as a load that has the same effect where the arm is, and nearly the
+same where it goes.
+"""
+
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from tensegrity_agents.controllers.base import AnalyticController, rows_of, with_rows
+from tensegrity_agents.controllers.dual_triangle.reach import ClosedFormSquares, Memory, Observer, ReachController
+from tensegrity_agents.controllers.resting import ends_of_plans, first_tips, with_latest
+from tensegrity_envs.core import Core
+from tensegrity_envs.mechanics.dual_triangle import DualTriangleDesign
+from tensegrity_envs.observation import DecodedObservation
+
+_STILL = 1e-9  # [m]
+
+
+class ServoMemory(NamedTuple):
+    """What is carried from step to step, for n environments.
+
+    Attributes:
+        plan: of the controller that plans.
+        inputs: the command u, (n, 3) [m].
+        tips: the latest tips, the newest first, (n, 16, 2) [m].
+        shift: of the target, (n, 2) [m].
+        end: step of the plan from which on the command rests, (n,).
+    """
+
+    plan: Memory
+    inputs: np.ndarray
+    tips: np.ndarray
+    shift: np.ndarray
+    end: np.ndarray
+
+
+class Servo(AnalyticController[ServoMemory]):
+    """Planned once, then its target moved by the mean error at rest. See the module.
+
+    Args:
+        core: of the environment.
+    """
+
+    knows = "the nominal design; its own commands; mean tip at rest"
+    planner_class: type[ReachController] = ClosedFormSquares
+    wait = 4  # steps
+    mean = 10  # tips, at most 16
+    enough = 0.4
+    largest = 0.05  # [m]
+    tunable: ClassVar[dict[str, tuple[float, ...]]] = {"wait": (3, 4, 6), "mean": (5, 8, 12), "enough": (0.2, 0.4, 0.6)}
+
+    def __init__(self, core: Core) -> None:
+        super().__init__(core)
+        self.planner = self.planner_class(core)
+
+    def _take(self, design: DualTriangleDesign) -> None:
+        super()._take(design)
+        if hasattr(self, "planner"):
+            self.planner.begin_episodes(np.ones(1, bool), design)
+
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> ServoMemory:
+        """See `AnalyticController.initial`."""
+        plan = self.planner.initial(observed, index)
+        tips = first_tips(observed.tip)
+        return ServoMemory(plan, observed.inputs, tips, np.zeros((len(index), 2)), ends_of_plans(plan.plan, _STILL))
+
+    def _act(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[np.ndarray, ServoMemory]:
+        tips = with_latest(memory.tips, observed.tip)
+        memory = memory._replace(tips=tips)
+        error = np.hypot(*(observed.target - tips[:, : self.mean].mean(axis=1)).T)
+        rests = memory.plan.step >= memory.end + self.wait + self.mean
+        again = np.flatnonzero(rests & (error > self.enough * self.core.task.tolerance))
+        if len(again):
+            memory = self._planned_anew(observed, memory, again)
+        rows, plan = np.arange(len(tips)), memory.plan
+        wanted = plan.plan[rows, np.minimum(plan.step, plan.plan.shape[1] - 1)]
+        action = np.clip((wanted - memory.inputs) / self.rate, -1.0, 1.0)
+        bound = self.planner.bound
+        inputs = np.clip(memory.inputs + self.rate * action, -bound, bound)
+        return action, memory._replace(plan=plan._replace(step=plan.step + 1), inputs=inputs)
+
+    def _planned_anew(self, observed: DecodedObservation, memory: ServoMemory, index: np.ndarray) -> ServoMemory:
+        """The memory with new plans for the environments at `index`, where there are any."""
+        tip = memory.tips[index, : self.mean].mean(axis=1)
+        seen = observed.take(index).replace(tip=tip, inputs=memory.inputs[index])
+        shift = memory.shift[index] + self._shift(seen)
+        plan = self.planner.initial(seen.replace(target=seen.target + shift), index)
+        fine = np.isfinite(plan.plan).all(axis=(1, 2))  # a target that was moved may be out of reach
+        index, shift, plan = index[fine], shift[fine], rows_of(plan, np.flatnonzero(fine))
+        shifts, ends = memory.shift.copy(), memory.end.copy()
+        shifts[index], ends[index] = shift, ends_of_plans(plan.plan, _STILL)
+        return memory._replace(plan=with_rows(memory.plan, index, plan), shift=shifts, end=ends)
+
+    def _shift(self, seen: DecodedObservation) -> np.ndarray:
+        """By how much the target is moved, (n, 2) [m]."""
+        error = seen.target - seen.tip
+        length = np.maximum(np.hypot(*error.T)[:, None], 1e-12)
+        return np.asarray(error * np.minimum(1.0, self.largest / length))
+
+
+class IdentifyingObserver(Servo):
+    """Identifies the load again from the mean tip at rest, and plans with it. See the module."""
+
+    knows = "the nominal design; its own commands; identifies the load from tip and command, again at rest"
+    planner_class = Observer
+
+    def _shift(self, seen: DecodedObservation) -> np.ndarray:
+        return np.zeros_like(seen.tip)

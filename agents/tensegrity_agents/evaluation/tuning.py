@@ -1,0 +1,59 @@
+"""Tune a controller on validation episodes: the numbers of its class that it says are to be tuned, on a grid."""
+
+from collections.abc import Callable, Mapping
+from itertools import product
+from typing import Any, NamedTuple
+
+from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_envs.seeding import VALIDATION_SEED
+
+# progress(settings done, of how many, best success so far)
+Progress = Callable[[int, int, float], None]
+
+
+class Tried(NamedTuple):
+    """Settings of a controller, and the share of episodes in which it succeeded with them."""
+
+    settings: dict[str, float]
+    success: float
+
+
+def tune(
+    name: str,
+    env_id: str,
+    episodes: int,
+    options: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> list[Tried]:
+    """Evaluate a controller with all combinations of the values in its `tunable`.
+
+    Args:
+        name: of a baseline, see `controllers.make_controller`.
+        env_id: Gymnasium id.
+        episodes: of the validation episodes, from the first one on.
+        options: of the environment.
+        progress: called after each setting.
+
+    Returns:
+        The best first; of equally good ones, the one that comes first in the grid.
+
+    Raises:
+        ValueError: there is no such controller, or nothing of it is to be tuned.
+    """
+    grid: Mapping[str, tuple[float, ...]] = getattr(make_controller(name, env_id, options), "tunable", {})
+    if not grid:
+        raise ValueError(
+            f"controller {name!r} of {env_id}: its class names nothing to tune (tunable = {{name: values}})"
+        )
+    tried: list[Tried] = []
+    combinations = list(product(*grid.values()))
+    for values in combinations:
+        controller, settings = make_controller(name, env_id, options), dict(zip(grid, values, strict=True))
+        for key, value in settings.items():
+            setattr(controller, key, value)
+        run = evaluate(controller, env_id, episodes, VALIDATION_SEED, name, env_options=dict(options or {}))
+        tried.append(Tried(settings, float(run.columns["success"].mean())))
+        if progress is not None:
+            progress(len(tried), len(combinations), max(one.success for one in tried))
+    return sorted(tried, key=lambda one: -one.success)

@@ -1,0 +1,107 @@
+"""Controllers for arms that are not the nominal one: what they identify, what they send, what they reach."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.controllers.resting import ends_of_plans
+from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.evaluation.tuning import tune
+from tensegrity_envs.seeding import VALIDATION_SEED
+
+TENSION, PAYLOAD = (f"tensegrity/TwoX{kind}ReachUncertain-v0" for kind in ("Tension", "Payload"))
+LOADED, DYNAMIC = (f"tensegrity/DualTriangleLoadedReachUncertain{kind}-v0" for kind in ("", "MuJoCo"))
+
+
+def run(env_id, name, steps, count=100):
+    """Info of each step, and the memory after it."""
+    envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
+    controller = make_controller(name, env_id)
+    observation, info = envs.reset(seed=VALIDATION_SEED)
+    controller.begin_episodes(np.ones(count, bool), envs.unwrapped.design)
+    memory, runs, told = None, np.ones(count, bool), [info]
+    for step in range(steps):
+        action, memory = controller.predict(observation, memory, np.full(count, step == 0))
+        observation, _, terminated, truncated, info = envs.step(action)
+        runs &= ~(terminated | truncated)
+        told.append(info)
+    return told, memory, runs
+
+
+@pytest.mark.parametrize(("env_id", "closest", "share"), [(TENSION, 0.004, 0.9), (PAYLOAD, 0.03, 0.75)])
+def test_stiffness_mass_and_payload_are_identified(env_id, closest, share):
+    """As well as the filter says; where angles follow from a noisy tip it is too sure of itself."""
+    told, memory, runs = run(env_id, "identifying_observer", 80)
+    info = told[-1]
+    true = np.stack([info["random_stiffness"], info["random_mass"], info["payload"]], axis=1)[runs]
+    mean, covariance = memory.belief.mean[runs], memory.belief.covariance[runs]
+    assert np.median(np.abs(mean[:, 0] - true[:, 0])) < closest
+    spread = np.sqrt(np.einsum("nii->ni", covariance))
+    assert (np.abs(mean - true) < 4 * spread + 1e-3).mean() > share
+    assert (np.abs(mean[:, 2] - true[:, 2]) < 0.05).mean() > 0.9
+
+
+@pytest.mark.parametrize("name", ["servo", "identifying_observer"])
+def test_the_command_is_what_acts_once_the_delay_is_over(name):
+    """Own command and measured tensions differ while the arm moves, and are the same at rest."""
+    told, memory, runs = run(TENSION, name, 70)
+    late = told[-1]["random_actuation_delay"] > 0
+    assert np.median(np.abs(memory.inputs - told[-1]["tensions"])[runs].max(axis=1)) < 0.5
+    told, memory, runs = run(TENSION, name, 6)
+    gap = np.abs(memory.inputs - told[-1]["tensions"]).max(axis=1)
+    assert np.median(gap[runs & late]) > 3.0
+    assert gap[runs & ~late].max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("env_id", "name", "least"),
+    [
+        (TENSION, "servo", 0.85),
+        (TENSION, "identifying_observer", 0.97),
+        (PAYLOAD, "servo", 0.8),
+        (PAYLOAD, "identifying_observer", 0.92),
+        (LOADED, "identifying_observer", 0.92),
+        (DYNAMIC, "identifying_observer", 0.75),
+    ],
+)
+def test_uncertain_arms_reach_where_the_observer_does_not(env_id, name, least):
+    if env_id == DYNAMIC:
+        pytest.importorskip("mujoco")
+    success = [
+        evaluate(make_controller(one, env_id), env_id, 100, VALIDATION_SEED, one).columns["success"].mean()
+        for one in ("observer", name)
+    ]
+    assert success[0] < 0.35
+    assert success[1] >= least
+
+
+@pytest.mark.parametrize("env_id", [TENSION, PAYLOAD, LOADED])
+def test_the_nominal_arm_is_not_forgotten(env_id):
+    run = evaluate(
+        make_controller("identifying_observer", env_id, {"level": 0}),
+        env_id,
+        100,
+        VALIDATION_SEED,
+        "x",
+        env_options={"level": 0},
+    )
+    assert run.columns["success"].mean() >= 0.95
+
+
+def test_ends_of_plans():
+    plans = np.zeros((3, 10, 2))
+    plans[1, 4:] = 1.0  # the fifth step is the last that changes anything
+    plans[2] = np.arange(10)[:, None]
+    np.testing.assert_array_equal(ends_of_plans(plans, 1e-9), [0, 4, 9])
+
+
+def test_tuning_finds_the_best_of_the_grid(monkeypatch):
+    from tensegrity_agents.controllers.two_x import Servo
+
+    monkeypatch.setattr(Servo, "tunable", {"gain": (0.15, 5.0)})
+    tried = tune("servo", PAYLOAD, 40)
+    assert [one.settings["gain"] for one in tried] == [0.15, 5.0]
+    assert tried[0].success > tried[1].success
+    with pytest.raises(ValueError, match="nothing to tune"):
+        tune("observer", PAYLOAD, 10)
