@@ -211,6 +211,10 @@ class Core(ABC):
     @cached_property
     def schema(self) -> ObservationSchema:
         """Encodes, decodes and describes the entry "observation"."""
+        return self._new_schema()
+
+    def _new_schema(self) -> ObservationSchema:
+        # Traced code makes its own, of numbers that know where they come from: `schema` is made of plain ones.
         return ObservationSchema(self.observed(), self.goal_name, self.input_name)
 
     def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
@@ -340,7 +344,7 @@ class Core(ABC):
         }
         # In single precision, so that a relabelled reward, from inverse solutions found anew, is the same number.
         seen = seen._replace(stability_margin=state.stability_margin, failure=state.failure)
-        observation = tuple(self.schema.encode(seen, episode))
+        observation = tuple(self._new_schema().encode(seen, episode))
         return Outcome(state, observation, achieved, desired, to_single(total), info)
 
     def measured(self, state: State) -> State:

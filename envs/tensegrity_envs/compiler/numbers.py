@@ -112,7 +112,8 @@ class Lifting:
         return self._copies[id(value)][1]
 
 
-_PACKAGE = tuple(f"{__name__.split('.')[0]}.{part}" for part in ("core", "arms", "mechanics", "simulation", "tasks"))
+_LAYERS = ("core", "environments", "mechanics", "simulation", "tasks")
+_PACKAGE = tuple(f"{__name__.split('.')[0]}.{layer}" for layer in _LAYERS)
 
 
 def _same(a: float, b: float) -> bool:

@@ -142,7 +142,7 @@ class SpatialPrismTrack(Core):
             )
             fields += margin_fields()
         if self.observe_velocities:
-            scaling, meaning = SoftsignRate(float(self.design.d)), "velocity of the centroid"
+            scaling, meaning = SoftsignRate(self.design.d), "velocity of the centroid"
             fields.append(Field("tip_velocity", lambda s, _: rates_of(s, 6)[:3], 3, scaling, "m/s", meaning))
         if self.observe_velocities and self.observe_all:
             meaning = "angular velocity of the platform"
