@@ -10,15 +10,19 @@ from rich.table import Table
 
 from tensegrity_agents import benchmark
 from tensegrity_agents.benchmark_against import against as compare
+from tensegrity_agents.benchmark_memory import memory
 from tensegrity_agents.command_options import find_experiment
 from tensegrity_agents.config import ConfigError
 from tensegrity_agents.console import clear_errors, console, say
 
+_PARTS = ("all", "single", "vector", "dynamics", "ppo", "redundancy", "compiling", "memory")
 _COUNTS = {"vector": (1024, 64), "single": (0,)}  # environments in a batch; 0 for a single one
 
 
 def main(
-    only: Annotated[str, typer.Option(help="single, vector, dynamics, ppo, redundancy, compiling, or all")] = "all",
+    only: Annotated[
+        str, typer.Option(help="single, vector, dynamics, ppo, redundancy, compiling, memory, or all")
+    ] = "all",
     config: Annotated[Path, typer.Option(help="settings of PPO")] = Path("configs/two_x_reach.yaml"),
     against: Annotated[
         Path | None, typer.Option(help="checkout of another build: compare vectors and single environments with its")
@@ -32,8 +36,8 @@ def main(
     CPU seconds.
     """
     with clear_errors():
-        if only not in ("all", "single", "vector", "dynamics", "ppo", "redundancy", "compiling"):
-            raise ConfigError(f"--only {only}: must be single, vector, dynamics, ppo, redundancy, compiling or all")
+        if only not in _PARTS:
+            raise ConfigError(f"--only {only}: must be one of {', '.join(_PARTS)}")
 
         def progress(what: str) -> None:
             console.print(what, style="dim", markup=False, highlight=False)
@@ -56,6 +60,13 @@ def main(
                 table.add_row(start.what, f"{start.cold:.2f}", f"{start.warm:.2f}", f"{start.kilobytes:.0f}")
             console.print(table)
         if only == "compiling":
+            return
+        if only in ("all", "memory"):
+            table = Table("peak memory [MB] of", "imports", "a fifth of it", "all of it")
+            for used in memory(progress=progress):
+                table.add_row(used.what, f"{used.imported:.0f}", f"{used.fifth:.0f}", f"{used.whole:.0f}")
+            console.print(table)
+        if only == "memory":
             return
         lines = []
         if only in ("all", "single"):

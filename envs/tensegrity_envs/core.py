@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace, namespace_of, to_single
 from tensegrity_envs.compiler.pytree import Schema, is_row, tree_leaves
+from tensegrity_envs.compiler.threads import Threads
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.observation import Field, ObservationSchema
 from tensegrity_envs.options import OPTION_NAMES, Options, share_options
@@ -462,12 +463,24 @@ class Core(ABC):
             outcomes = self._outcome(episodes, self._with_noise(episodes, outcomes, 0))
         return episodes, self.postprocess(episodes, outcomes)
 
-    def step(self, episodes: np.ndarray, states: np.ndarray, actions: np.ndarray) -> np.ndarray:
-        """The outcomes one step later, for actions of shape (action size, n) in [-1, 1]."""
+    def step(
+        self, episodes: np.ndarray, states: np.ndarray, actions: np.ndarray, threads: Threads | None = None
+    ) -> np.ndarray:
+        """The outcomes one step later, for actions of shape (action size, n) in [-1, 1].
+
+        Args:
+            episodes: matrix of the running episodes.
+            states: matrix of states, or of outcomes.
+            actions: shape (action size, n).
+            threads: that evaluate the kernel of a quasi-static step; None for the caller's alone.
+        """
+        if threads is None and self._is_one_kernel:
+            return self._step(episodes, states, actions)
         if self.randomization.is_noisy:
             states = self._with_noise(episodes, states, 1)
         if self.engine is None:
-            outcomes = self._step(episodes, states, actions)
+            given = episodes, states, actions
+            outcomes = self._step(*given) if threads is None else threads(self._step, *given)
         else:
             commands = self._command(episodes, states, actions)
             rows = self._command.result.rows
@@ -482,6 +495,12 @@ class Core(ABC):
                 ),
             )
         return self.postprocess(episodes, outcomes)
+
+    @cached_property
+    def _is_one_kernel(self) -> bool:
+        """Whether a step is that and nothing else."""
+        is_changed = type(self).postprocess is not Core.postprocess
+        return self.engine is None and not self.randomization.is_noisy and not is_changed
 
     def _begin_motion(self, outcomes: np.ndarray) -> None:
         """Put the engine's state of an arm at rest into the outcomes."""

@@ -1,6 +1,7 @@
 """The single environment: a `gymnasium.Env` shell over a `Core`."""
 
 import math
+from functools import cached_property
 from typing import Any
 
 import gymnasium as gym
@@ -10,13 +11,14 @@ from numpy.typing import ArrayLike
 from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.core import Core, Infos
 from tensegrity_envs.environments import core_of
-from tensegrity_envs.episodes import EpisodeQueue, checked_options
+from tensegrity_envs.episodes import EpisodeQueue, checked_options, episodes_ahead
 from tensegrity_envs.rendering import Scene, Viewer, checked_size, draw
 from tensegrity_envs.seeding import checked_episode, checked_seed
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State, termination_reason
 
 _TRACE = 100  # tip positions kept for the picture
-_AHEAD = 16  # episodes sampled at once
+_TRUE, _FALSE = np.array(True), np.array(False)
+_WHOLE = [np.int64(number) for number in range(1000)]
 
 
 class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
@@ -59,7 +61,8 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         self._queue: EpisodeQueue | None = None
         self._episode: np.ndarray | None = None  # one column each
         self._outcome: np.ndarray
-        self._values: list[float]  # of the outcome
+        self._failure: float  # of the outcome
+        self._action_shape = self.action_space.shape
         self._viewer: Viewer | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -105,7 +108,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         start = None if seed is None else checked_seed(seed)
         if self._queue is None:
             super().reset(seed=start)
-            self._queue = EpisodeQueue(self.core, np.array([self.np_random.integers(2**31)]), _AHEAD)
+            self._queue = EpisodeQueue(self.core, np.array([self.np_random.integers(2**31)]), episodes_ahead(1))
         if all(value is None for value in chosen.values()):
             self._go_to(start, episode)
             column, outcome = np.empty((self.core.episodes.size, 1)), np.empty((self.core.outcomes.size, 1))
@@ -116,7 +119,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             self._go_to(start, episode)  # not before it is known to be feasible
             self._queue.skip(0)
         self._episode, self._outcome = column, outcome
-        self._values = self._outcome[:, 0].tolist()
+        self._failure = self._outcome.item(self._teller.failure)
         self._steps = 0
         if self.render_mode is not None:
             self._trace = [self._state.tip]
@@ -155,20 +158,19 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             ValueError: the action is not a finite array of the right shape.
             RuntimeError: before the first reset, or after the episode has been terminated.
         """
-        episode, rows = self._running(), self.core.outcomes.rows
-        if self._values[rows.state.failure] != RUNNING:
+        episode, teller = self._running(), self._teller
+        if self._failure != RUNNING:
             reason = termination_reason(self._info()["failure"])
             raise RuntimeError(f"the episode was terminated ({reason}): call reset()")
-        self._outcome = self.core.step(episode, self._outcome, check_action(action, self.action_space.shape))
-        self._values = self._outcome[:, 0].tolist()
+        self._outcome = outcome = self.core.step(episode, self._outcome, check_action(action, self._action_shape))
+        self._failure = failure = outcome.item(teller.failure)
         self._steps += 1
         if self.render_mode is not None:
             self._trace = [*self._trace[-_TRACE:], self._state.tip]
-        observation, info = self._observation(), self._info()
+        observation, info = teller.observation(outcome), teller.info(outcome, self._steps)
         if self.render_mode == "human":
             self.render()
-        values = self._values
-        return observation, values[rows.reward], values[rows.state.failure] != RUNNING, False, info
+        return observation, outcome.item(teller.reward), failure != RUNNING, False, info
 
     def _running(self) -> np.ndarray:
         if self._episode is None:
@@ -180,27 +182,14 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         return self.core.outcomes.unpack(self._outcome[:, 0]).state  # type: ignore[no-any-return]
 
     def _observation(self) -> dict[str, np.ndarray]:
-        rows, values = self.core.outcomes.rows, self._outcome[:, 0].astype(np.float32)
-        return {
-            "observation": values[rows.observation[0] : rows.observation[-1] + 1],
-            "achieved_goal": values[rows.achieved[0] : rows.achieved[-1] + 1],
-            "desired_goal": values[rows.desired[0] : rows.desired[-1] + 1],
-        }
+        return self._teller.observation(self._outcome)
 
     def _info(self) -> dict[str, Any]:
-        values, column = self._values, self._outcome[:, 0]
-        info: dict[str, Any] = {}
-        for name, first, end, kind in self.core.info_entries:
-            # All with a dtype, which clients ask for (TorchRL). Truths are arrays of shape (): of NumPy's bool scalars
-            # Gymnasium's vectors make arrays of objects.
-            if end is not None:
-                info[name] = column[first:end].copy()
-            elif kind == "float":
-                info[name] = column[first]
-            else:
-                info[name] = np.array(values[first] != 0) if kind == "bool" else np.int64(values[first])
-        info["step"] = np.int64(self._steps)
-        return info
+        return self._teller.info(self._outcome, self._steps)
+
+    @cached_property
+    def _teller(self) -> "_Teller":
+        return _Teller(self.core)
 
     def get_state(self) -> dict[str, Any]:
         """All that determines what follows, the coming episodes included, for `set_state` of any environment of this
@@ -226,13 +215,13 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
             ValueError: it is the state of another environment.
         """
         if self._queue is None:
-            self._queue = EpisodeQueue(self.core, np.zeros(1, np.int64), _AHEAD)
+            self._queue = EpisodeQueue(self.core, np.zeros(1, np.int64), episodes_ahead(1))
         shapes = {"episode": (self.core.episodes.size, 1), "outcome": (self.core.outcomes.size, 1)}
         self._queue.check(state, shapes, self.core.fingerprint)
         if not isinstance(state.get("steps"), int):
             raise ValueError("state: 'steps' must be a whole number, as get_state() returned it")
         self._episode, self._outcome, self._steps = state["episode"].copy(), state["outcome"].copy(), state["steps"]
-        self._values = self._outcome[:, 0].tolist()
+        self._failure = self._outcome.item(self._teller.failure)
         self._queue.go_on(state)
         self._trace = [self._state.tip]
 
@@ -283,6 +272,63 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         if self._viewer is not None:
             self._viewer.close()
             self._viewer = None
+
+
+class _Teller:
+    """What is told of an outcome, a matrix of one column; where it stands there is looked up once.
+
+    Args:
+        core: of the environment.
+
+    Attributes:
+        reward: its row.
+        failure: likewise.
+    """
+
+    def __init__(self, core: Core) -> None:
+        rows = core.outcomes.rows
+        self.reward, self.failure = int(rows.reward), int(rows.state.failure)
+        self._seen = slice(rows.observation[0], rows.desired[-1] + 1)
+        self._goals = rows.achieved[0] - rows.observation[0], rows.desired[0] - rows.observation[0]
+        singles = [entry for entry in core.info_entries if entry.end is None]
+        self._floats = [entry.name for entry in singles if entry.kind == "float"]
+        self._truths, self._ints = (
+            [(entry.name, entry.first) for entry in singles if entry.kind == kind] for kind in ("bool", "int")
+        )
+        told = [entry.first for entry in singles if entry.kind == "float"]
+        self._vectors = []
+        for entry in core.info_entries:
+            if entry.end is not None:
+                self._vectors.append((entry.name, slice(len(told), len(told) + entry.end - entry.first)))
+                told.extend(range(entry.first, entry.end))
+        self._told = np.array(told)
+
+    def observation(self, outcome: np.ndarray) -> dict[str, np.ndarray]:
+        """The observation, in memory of its own."""
+        seen, (first, second) = outcome[self._seen, 0].astype(np.float32), self._goals
+        return {"observation": seen[:first], "achieved_goal": seen[first:second], "desired_goal": seen[second:]}
+
+    def info(self, outcome: np.ndarray, steps: int) -> dict[str, Any]:
+        """The info after so many steps, in memory of its own.
+
+        All entries have a dtype, which clients ask for (TorchRL). Truths are arrays of shape (): of NumPy's bool
+        scalars Gymnasium's vectors make arrays of objects.
+        """
+        told = outcome.take(self._told)
+        info: dict[str, Any] = dict(zip(self._floats, told))  # the vectors come after the floats
+        for name, row in self._truths:
+            info[name] = (_TRUE if outcome.item(row) != 0 else _FALSE).copy()
+        for name, row in self._ints:
+            info[name] = _whole(int(outcome.item(row)))
+        for name, part in self._vectors:
+            info[name] = told[part]
+        info["step"] = _whole(steps)
+        return info
+
+
+def _whole(number: int) -> np.int64:
+    """A NumPy number, which takes long to make."""
+    return _WHOLE[number] if 0 <= number < len(_WHOLE) else np.int64(number)
 
 
 def check_action(action: ArrayLike, shape: tuple[int, ...] | None) -> np.ndarray:

@@ -9,6 +9,9 @@ from tensegrity_envs import columns
 from tensegrity_envs.core import Core
 from tensegrity_envs.seeding import stored_seed
 
+_DRAWN = 2048  # episodes at once, but for many environments
+_LEAST_AHEAD, _MOST_AHEAD = 4, 64  # episodes of each environment
+
 
 def checked_options(options: Any) -> dict[str, Any]:
     """A copy of the options of `reset`.
@@ -19,6 +22,13 @@ def checked_options(options: Any) -> dict[str, Any]:
     if options is not None and not isinstance(options, Mapping):
         raise ValueError(f"options = {options!r}: must be a dict, such as {{'episode': 3}}")
     return dict(options or {})
+
+
+def episodes_ahead(num_envs: int) -> int:
+    """How many episodes are drawn ahead for each of so many environments: so many in all that a draw is worth its
+    while, which takes a millisecond for a single one, too.
+    """
+    return min(max(_DRAWN // num_envs, _LEAST_AHEAD), _MOST_AHEAD)
 
 
 class EpisodeQueue:

@@ -8,6 +8,7 @@ whatever ran before.
 Training uses seeds below VALIDATION_SEED; tuning and the published tables use their own streams.
 """
 
+from collections.abc import Callable
 from copy import copy
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 VALIDATION_SEED = 1_000_000_000
 TEST_SEED = 2_000_000_000
 
+_LANES = 8  # tries at once, which cost no more than one does
 _WORD = 2**64
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -114,3 +116,56 @@ class EpisodeStream:
         part = copy(self)
         part._keys = self._keys[index]
         return part
+
+    def tries(self, index: np.ndarray, count: int, draws: int) -> "EpisodeStream":
+        """The streams of so many tries for each of the episodes at `index`, all first tries first; of so many draws
+        each.
+        """
+        part = copy(self)
+        part._keys = np.tile(self._keys[index], count)
+        part._next = self._next + np.repeat(np.arange(count) * draws, len(index))  # type: ignore[assignment]
+        return part
+
+
+def until_found(
+    stream: EpisodeStream,
+    n: int,
+    draws: int,
+    attempt: Callable[[np.ndarray, EpisodeStream], tuple[np.ndarray, np.ndarray]],
+    complaint: str,
+    most: int = 1000,
+) -> np.ndarray:
+    """For each of n episodes, the first try that is good. Where few are left, more than one is tried at once.
+
+    Args:
+        stream: of the episodes; goes on behind the last try.
+        n: number of episodes.
+        draws: of a try.
+        attempt: is told which episodes to try for, shape (m,), and their streams; returns what was found, shape
+            (size, m), and whether it is good, shape (m,).
+        complaint: message of the error, with a place for how many tries there were.
+        most: tries for an episode.
+
+    Returns:
+        What was found, shape (size, n).
+
+    Raises:
+        RuntimeError: no try was good.
+    """
+    pending, tried = np.arange(n), 0
+    found: np.ndarray | None = None
+    while len(pending) or found is None:
+        if tried >= most:
+            raise RuntimeError(complaint.format(most))
+        count = min(max(n // (4 * len(pending)), _LANES // len(pending), 1), _LANES, most - tried) if n else 1
+        values, good = attempt(np.tile(pending, count), stream.tries(pending, count, draws))
+        if found is None:
+            found = np.zeros((len(values), n))
+        table = good.reshape(count, len(pending))
+        done = table.any(axis=0)
+        first = (table.argmax(axis=0) * len(pending) + np.arange(len(pending)))[done]
+        found[:, pending[done]] = values[:, first]
+        pending = pending[~done]
+        stream.skip(count * draws)
+        tried += count
+    return found

@@ -10,16 +10,16 @@ from gymnasium.vector.utils import batch_space
 
 from tensegrity_envs import columns
 from tensegrity_envs.compiler.pytree import empty_matrix
+from tensegrity_envs.compiler.threads import Threads
 from tensegrity_envs.core import Core, InfoEntry
 from tensegrity_envs.environments import core_of
-from tensegrity_envs.episodes import EpisodeQueue, checked_options
+from tensegrity_envs.episodes import EpisodeQueue, checked_options, episodes_ahead
 from tensegrity_envs.rendering import checked_size
 from tensegrity_envs.seeding import checked_episode, checked_seed
 from tensegrity_envs.simulation.protocol import Episode
 from tensegrity_envs.vector_info import InfoTable
 from tensegrity_envs.vector_rendering import Tiles
 
-_AHEAD = 4  # episodes drawn ahead for each environment
 _LONGEST = 2**31  # steps
 _INFOS = ("full", "goal", "none")
 _NOBODY = np.zeros(0, np.int64)
@@ -47,6 +47,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             survive `spec.to_json()`.
         info: "full", "goal" (what `compute_reward` needs, and is_success) or "none", which are cheaper; `final_obs` and
             `final_info` come in any case.
+        threads: that compute the quasi-static steps of many environments, on as many processor cores: results are the
+            same to the last bit. One for every 256 environments at most; a dynamic simulation has its own.
         render_mode: None or "rgb_array" (one picture for each environment).
         render_size: side of a picture, or (width, height) [pixels].
         **options: of the core.
@@ -69,6 +71,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         max_episode_steps: int | None = 100,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         info: str = "full",
+        threads: int = 1,
         render_mode: str | None = None,
         render_size: int | tuple[int, int] = 300,
         **options: Any,
@@ -83,6 +86,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         if info not in _INFOS:
             raise ValueError(f"info = {info!r}: must be one of {', '.join(map(repr, _INFOS))}")
         self._wanted = info
+        team = Threads(threads)
+        self._threads = team if team.count > 1 else None
         self.max_episode_steps = checked_limit(max_episode_steps)
         self.autoreset_mode = checked_mode(autoreset_mode)
         size = checked_size(render_size)
@@ -157,7 +162,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
         if self._queue is None:
-            self._queue = EpisodeQueue(self.core, self.np_random.integers(2**31, size=self.num_envs), _AHEAD)
+            own = self.np_random.integers(2**31, size=self.num_envs)
+            self._queue = EpisodeQueue(self.core, own, episodes_ahead(self.num_envs))
         for i in np.flatnonzero(mask):
             if seeds[i] is not None or episodes[i] is not None:
                 self._queue.restart(int(i), seeds[i], episodes[i] or 0)
@@ -204,7 +210,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         actions = self._checked_actions(actions, skipped)
         if len(renewed):  # their action is ignored; stepping them along and putting them back keeps it one batch
             self._begin(renewed)
-        outcomes = self.core.step(episodes, self._outcomes, actions)
+        outcomes = self.core.step(episodes, self._outcomes, actions, self._threads)
         if len(renewed):
             columns.put_back.run(self._outcomes, renewed, outcomes)
         self._outcomes = outcomes
@@ -343,7 +349,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             ValueError: it is the state of another environment, or of another number of them.
         """
         if self._queue is None:
-            self._queue = EpisodeQueue(self.core, np.zeros(self.num_envs, np.int64), _AHEAD)
+            self._queue = EpisodeQueue(self.core, np.zeros(self.num_envs, np.int64), episodes_ahead(self.num_envs))
         n = self.num_envs
         shapes = {"episodes": (self.core.episodes.size, n), "outcomes": (self.core.outcomes.size, n)}
         self._queue.check(state, shapes, f"{n} x {self.core.fingerprint}")
@@ -372,6 +378,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         """End the threads of a dynamic simulation, free what draws."""
         if self._tiles is not None:
             self._tiles.close()
+        if self._threads is not None:
+            self._threads.close()
         if self.core.engine is not None:
             self.core.engine.model.close()
 

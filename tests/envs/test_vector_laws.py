@@ -143,6 +143,26 @@ def test_nothing_handed_out_is_the_environments_own_memory(env_id):
         spoil(messy.unwrapped.episode.goal)
 
 
+def test_any_number_of_threads_gives_the_same_to_the_last_bit():
+    """Rows of their matrices have gaps between them."""
+    env_id = "tensegrity/DualTriangleLoadedReach-v0"
+    alone, many = (make_vec(env_id, 1024, autoreset_mode="SameStep", threads=threads) for threads in (1, 3))
+    for mine, other in zip(alone.reset(seed=0), many.reset(seed=0), strict=True):
+        assert_same(mine, other)
+    rng = np.random.default_rng(0)
+    for _ in range(8):
+        action = rng.uniform(-1, 1, alone.action_space.shape)
+        for mine, other in zip(alone.step(action), many.step(action), strict=True):
+            assert_same(mine, other)
+    many.close()
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, True, "two"])
+def test_numbers_of_threads_that_are_none_are_refused(threads):
+    with pytest.raises(ValueError, match="threads"):
+        make_vec(IDS[0], 2, threads=threads)
+
+
 @every_id
 def test_info_holds_numbers_only(env_id):
     env, envs = gym.make(env_id), make_vec(env_id)

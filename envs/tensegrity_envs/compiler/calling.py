@@ -13,6 +13,7 @@ _HEAD = object.__basicsize__
 _DATA, _NDIM, _SHAPE, _STRIDES, _TYPE, _FLAGS = _HEAD, _HEAD + 8, _HEAD + 16, _HEAD + 24, _HEAD + 40, _HEAD + 48
 _FLAGS_NEEDED = 0x0100  # aligned
 _FASTCALL = 0x0080
+_MANY = 128  # columns
 _FIXED = 3  # constants, working memory, results
 
 
@@ -60,7 +61,8 @@ def entry(name: str, sizes: list[int]) -> list[str]:
     next to one another, at least as many rows as `sizes` tells, and as many columns as the results; otherwise the
     constants.
     """
-    lines = ["declare void @Py_IncRef(ptr)"]
+    lines = ["declare void @Py_IncRef(ptr)", "declare ptr @PyEval_SaveThread()"]
+    lines += ["declare void @PyEval_RestoreThread(ptr)"]
     lines += [f"define ptr @{name}(ptr %self, ptr %args, i64 %number) {{", "entry:"]
     lines += [f"  %enough = icmp eq i64 %number, {_FIXED + len(sizes)}", "  br i1 %enough, label %start, label %bad.0"]
     lines += ["bad.0:", "  %first = load ptr, ptr %args", "  br label %give", "start:"]
@@ -124,7 +126,12 @@ def entry(name: str, sizes: list[int]) -> list[str]:
         ]
     passed = ", ".join(f"ptr %data{k}, i64 %row{k}" for k in range(2, _FIXED + len(sizes)))
     lines += ["  %any = icmp sgt i64 %n, 0", "  br i1 %any, label %work, label %give.self"]
-    lines += ["work:", f"  call void @columns(ptr %data0, i64 %n, ptr %data1, {passed})", "  br label %give.self"]
+    call = f"  call void @columns(ptr %data0, i64 %n, ptr %data1, {passed})"
+    # Many columns take long: other threads may run meanwhile.
+    lines += ["work:", f"  %many = icmp sge i64 %n, {_MANY}", "  br i1 %many, label %long, label %short"]
+    lines += ["short:", call, "  br label %give.self"]
+    lines += ["long:", "  %thread = call ptr @PyEval_SaveThread()", call]
+    lines += ["  call void @PyEval_RestoreThread(ptr %thread)", "  br label %give.self"]
     lines += ["give.self:", "  br label %give"]
     lines += ["bad:", "  br label %give", "give:"]
     lines += ["  %result = phi ptr [%first, %bad.0], [%self, %give.self], [%a0, %bad]"]

@@ -53,6 +53,7 @@ class Kernel:
         result = _lifted(function, lifting)(*arguments)
         self.schemas = schemas
         self.result = Schema(result, _is_result, _result_kind)
+        self._size = self.result.size
         for row, value in enumerate(tree_leaves(result, _is_result), first[-1]):
             graph.store(Slot("w", row), value)
         self._constants = np.array([value for _, value in graph.constants.values()] or [0.0])
@@ -68,14 +69,18 @@ class Kernel:
         Raises:
             ValueError: a matrix has too few rows, or not as many columns as the others.
         """
-        out = empty_matrix(self.result.size, matrices[0].shape[1])
+        out = empty_matrix(self._size, matrices[0].shape[1])
+        self.fill(out, *matrices)
+        return out
+
+    def fill(self, out: np.ndarray, *matrices: np.ndarray) -> None:
+        """The same into a matrix that is there: from `empty_matrix`, or some columns of one."""
         work = self._free.pop() if self._free else np.empty(self._rows * BLOCK)
         if self._run(self._constants, work, out, *matrices) is not True:
             done = self._run(self._constants, work, out, *self._checked(matrices, out.shape[1]))
             if done is not True:  # never hand out what was not computed
                 raise RuntimeError("compiled code refuses its arguments; please report this with the array's `flags`")
         self._free.append(work)
-        return out
 
     def __deepcopy__(self, memo: Any) -> "Kernel":
         """Itself: nothing of it changes."""
@@ -303,31 +308,77 @@ def evaluate(function: Callable[..., Any], *arguments: Any) -> Any:
     Compiled code for arrays and floats alike; floats in, floats out. Integers, strings, functions and the numbers of
     designs that are no arrays are part of the kernel, not data.
     """
-    shape = np.broadcast_shapes((), *(value.shape for value in tree_leaves(arguments, is_array)))
+    parts: list[list[Any]] = [[] for _ in arguments]
+    key: list[Any] = [function]
+    for argument, leaves in zip(arguments, parts, strict=True):
+        _flatten(argument, leaves, key)
+    shapes = {leaf.shape for leaves in parts for leaf in leaves if isinstance(leaf, np.ndarray)}
+    shape = shapes.pop() if len(shapes) == 1 else np.broadcast_shapes((), *shapes)
     if len(shape) > 1:
         raise ValueError(f"components of shape {shape}: must be floats or arrays of shape (n,)")
-
-    count = shape or (1,)
-
-    def vary(tree: Any) -> Any:
-        if dataclasses.is_dataclass(tree):
-            return tree_map(vary, tree, is_array)
-        return np.broadcast_to(np.asarray(tree, float), count)
-
-    whole = tree_map(
-        vary, arguments, lambda tree: isinstance(tree, float | np.ndarray) or dataclasses.is_dataclass(tree)
-    )
-    schemas = [Schema(argument, kind=lambda _: "float") for argument in whole]
-    kernel = _kernel_of(function, schemas)
-    found = kernel(*[schema.pack(argument, count[0]) for schema, argument in zip(schemas, whole, strict=True)])
+    kernel = _OF_FUNCTION.get(known := tuple(key))
+    if kernel is None:
+        kernel = _OF_FUNCTION[known] = Kernel(function, *_schemas(arguments))
+    count = shape[0] if shape else 1
+    matrices = []
+    for leaves in parts:
+        matrices.append(empty_matrix(len(leaves), count))
+        for row, leaf in zip(matrices[-1], leaves, strict=True):
+            row[:] = leaf
+    found = kernel(*matrices)
     return kernel.result.unpack(found if shape else found[:, 0])
 
 
 _OF_FUNCTION: dict[Any, Kernel] = {}
 
 
-def _kernel_of(function: Callable[..., Any], schemas: list[Schema]) -> Kernel:
-    key = (function, repr([schema.rows for schema in schemas]))
-    if key not in _OF_FUNCTION:
-        _OF_FUNCTION[key] = Kernel(function, *schemas)
-    return _OF_FUNCTION[key]
+def _flatten(tree: Any, leaves: list[Any], key: list[Any]) -> None:
+    """Collect the components of a pytree, and what tells it from pytrees of which another kernel is made."""
+    kind = type(tree)
+    if kind is float or isinstance(tree, float | np.ndarray):
+        leaves.append(tree)
+        key.append(float)
+    elif isinstance(tree, tuple | list | dict):
+        key += [kind, tuple(tree) if kind is dict else len(tree)]
+        for part in tree.values() if isinstance(tree, dict) else tree:
+            _flatten(part, leaves, key)
+    elif not dataclasses.is_dataclass(tree):
+        key += [kind, tree]
+    else:
+        try:
+            hash(tree)
+        except TypeError:  # it has arrays
+            key.append(kind)
+            for part in vars(tree).values():
+                _flatten_design(part, leaves, key)
+        else:
+            key += [kind, tree]
+
+
+def _flatten_design(tree: Any, leaves: list[Any], key: list[Any]) -> None:
+    """The same of a part of a design, of which only arrays are components."""
+    if isinstance(tree, np.ndarray):
+        leaves.append(tree)
+        key.append(float)
+    elif isinstance(tree, tuple | list | dict):
+        key += [type(tree), tuple(tree) if isinstance(tree, dict) else len(tree)]
+        for part in tree.values() if isinstance(tree, dict) else tree:
+            _flatten_design(part, leaves, key)
+    elif dataclasses.is_dataclass(tree):
+        key.append(type(tree))
+        for part in vars(tree).values():
+            _flatten_design(part, leaves, key)
+    else:
+        key += [type(tree), tree]
+
+
+def _schemas(arguments: Any) -> list[Schema]:
+    """Of the arguments of `evaluate`."""
+
+    def vary(tree: Any) -> Any:
+        return tree_map(vary, tree, is_array) if dataclasses.is_dataclass(tree) else np.zeros(1)
+
+    whole = tree_map(
+        vary, arguments, lambda tree: isinstance(tree, float | np.ndarray) or dataclasses.is_dataclass(tree)
+    )
+    return [Schema(argument, kind=lambda _: "float") for argument in whole]

@@ -55,7 +55,7 @@ def to_object(source: str, is_plain: bool = False) -> bytes:
 
 @cache
 def _add_symbols() -> None:
-    for symbol in ("Py_IncRef",):
+    for symbol in ("Py_IncRef", "PyEval_SaveThread", "PyEval_RestoreThread"):
         llvm.add_symbol(symbol, ctypes.cast(getattr(ctypes.pythonapi, symbol), ctypes.c_void_p).value)
 
 

@@ -112,7 +112,7 @@ class Lifting:
         return self._copies[id(value)][1]
 
 
-_LAYERS = ("core", "environments", "mechanics", "simulation", "tasks")
+_LAYERS = ("core", "environments", "mechanics", "observation", "simulation", "tasks")
 _PACKAGE = tuple(f"{__name__.split('.')[0]}.{layer}" for layer in _LAYERS)
 
 

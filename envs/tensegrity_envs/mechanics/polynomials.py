@@ -3,10 +3,12 @@
 import numpy as np
 
 from tensegrity_envs.compiler.jit import Compiled
-from tensegrity_envs.compiler.lowering import Booleans, Matrix
+from tensegrity_envs.compiler.lowering import Booleans, Integers, Matrix
 
 _NEAR = 1e-2  # roots closer together than this all but coincide
-LANES = 8  # polynomials that are worked on at once, each as if it were alone
+LANES = 16  # polynomials that are worked on at once, each as if it were alone
+CLOSE, CLOSE_ENOUGH = 1e-8, 1e-5  # last step to a root, and to one of a derivative; the error is as its square
+SIZE = 9  # coefficients of the largest polynomials that are not left to the eigenvalues
 
 
 def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
@@ -24,13 +26,46 @@ def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     return total
 
 
+def turned_product(samples: tuple[np.ndarray, ...], matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Samples, begun at the largest one, times a matrix; those of each target by themselves, see `product`.
+
+    Args:
+        samples: m arrays of shape (n,).
+        matrix: shape (m, k).
+
+    Returns:
+        Which sample is the largest by magnitude, shape (n,), and the products, shape (n, k).
+    """
+    n = len(samples[0])
+    top, out = np.zeros(n, np.int64), np.empty((n, matrix.shape[1]))
+    _turned_product(np.stack(samples), np.ascontiguousarray(matrix), top, out)
+    return top, out
+
+
+@Compiled
+def _turned_product(samples: Matrix, matrix: Matrix, top: Integers, out: Matrix) -> None:
+    m = samples.shape[0]
+    for k in range(out.shape[0]):
+        largest = -1.0
+        for i in range(m):
+            if abs(samples[i, k]) > largest:
+                largest = abs(samples[i, k])
+                top[k] = i
+        for j in range(out.shape[1]):
+            out[k, j] = 0.0
+        for i in range(m):
+            value = samples[(top[k] + i) % m, k]
+            for j in range(out.shape[1]):
+                out[k, j] += value * matrix[i, j]
+
+
 def real_roots(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The real roots of polynomials, and complex ones that rounding may have moved off the real axis, as real ones.
 
     Between two neighbouring roots of its derivative a polynomial is monotone; so the roots of the derivatives, from
     the linear one up, bracket those of the polynomial. Where roots all but coincide, which rounding makes a matter of
     chance, they are eigenvalues of the companion matrix instead: a pair next to the real axis is given as its real
-    part plus and minus its imaginary part. Whoever needs roots has to verify them.
+    part plus and minus its imaginary part. Roots are good to 1e-8 at least; whoever needs them has to verify them.
 
     Args:
         coefficients: shape (n, degree + 1), lowest power first; the last ones must not be zero.
@@ -59,66 +94,95 @@ def real_roots(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _roots(coefficients: Matrix, out: Matrix, delicate: Booleans) -> None:
     n, size = coefficients.shape[0], coefficients.shape[1]
     degree = size - 1
-    p = np.zeros((size * size, LANES))  # in the rows from k size on, the derivative of degree k
-    points, found = np.zeros((size + 1, LANES)), np.zeros((size + 1, LANES))
+    if size > SIZE:
+        for row in range(n):
+            delicate[row] = True
+        return
+    p = np.zeros((SIZE * SIZE, LANES))  # in the rows from k SIZE on, the derivative of degree k; zero beyond
+    points, found = np.zeros((SIZE + 1, LANES)), np.zeros((SIZE + 1, LANES))
     bound, count, new = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
     left, f_left, right, f_right = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
-    low, high, x, f, slope = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
+    low, high, x = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
     is_bracket, running = np.zeros(LANES), np.zeros(LANES)
     for start in range(0, n, LANES):
         for j in range(LANES):
             row = min(start + j, n - 1)
             bound[j], count[j] = 0.0, 0.0
             for i in range(size):
-                p[degree * size + i, j] = coefficients[row, i]
+                p[degree * SIZE + i, j] = coefficients[row, i]
                 bound[j] = max(bound[j], abs(coefficients[row, i] / coefficients[row, degree]))
             bound[j] += 1.0  # Cauchy's
         for k in range(degree - 1, 0, -1):
             for i in range(k + 1):
                 for j in range(LANES):
-                    p[k * size + i, j] = p[(k + 1) * size + i + 1, j] * (i + 1)
+                    p[k * SIZE + i, j] = p[(k + 1) * SIZE + i + 1, j] * (i + 1)
         for k in range(1, size):
-            most = 0
+            most, q, tolerance = 0, k * SIZE, CLOSE if k == degree else CLOSE_ENOUGH
             for j in range(LANES):
                 points[int(count[j]), j] = bound[j]
                 most = max(most, int(count[j]))
-                new[j], left[j], f_left[j] = 0.0, -bound[j], 0.0
-            for i in range(k, -1, -1):
-                for j in range(LANES):
-                    f_left[j] = f_left[j] * left[j] + p[k * size + i, j]
+                new[j], left[j] = 0.0, -bound[j]
+                y = p[q + 8, j]
+                y = y * left[j] + p[q + 7, j]
+                y = y * left[j] + p[q + 6, j]
+                y = y * left[j] + p[q + 5, j]
+                y = y * left[j] + p[q + 4, j]
+                y = y * left[j] + p[q + 3, j]
+                y = y * left[j] + p[q + 2, j]
+                y = y * left[j] + p[q + 1, j]
+                f_left[j] = y * left[j] + p[q, j]
             for interval in range(most + 1):
-                for j in range(LANES):
-                    right[j] = points[interval, j] if interval <= count[j] else left[j]
-                    f_right[j] = 0.0
-                for i in range(k, -1, -1):
-                    for j in range(LANES):
-                        f_right[j] = f_right[j] * right[j] + p[k * size + i, j]
                 going_on = 0.0
                 for j in range(LANES):
+                    z = points[interval, j] if interval <= count[j] else left[j]
+                    y = p[q + 8, j]
+                    y = y * z + p[q + 7, j]
+                    y = y * z + p[q + 6, j]
+                    y = y * z + p[q + 5, j]
+                    y = y * z + p[q + 4, j]
+                    y = y * z + p[q + 3, j]
+                    y = y * z + p[q + 2, j]
+                    y = y * z + p[q + 1, j]
+                    right[j], f_right[j] = z, y * z + p[q, j]
                     is_bracket[j] = 1.0 if (f_left[j] < 0) != (f_right[j] < 0) else 0.0
                     running[j] = is_bracket[j]
                     low[j], high[j], x[j] = left[j], right[j], (left[j] + right[j]) / 2
+                    # Far from all roots Newton's steps are short: begin near the outermost points, not near the bounds.
+                    x[j] = max(x[j], right[j] - 1 - abs(right[j])) if interval == 0 and count[j] > 0 else x[j]
+                    x[j] = min(x[j], left[j] + 1 + abs(left[j])) if interval == count[j] and count[j] > 0 else x[j]
                 for j in range(LANES):
                     going_on = max(going_on, running[j])
                 for _ in range(100):
                     if going_on == 0.0:
                         break
                     for j in range(LANES):
-                        f[j], slope[j] = 0.0, 0.0
-                    for i in range(k, -1, -1):
-                        for j in range(LANES):
-                            slope[j] = slope[j] * x[j] + f[j]
-                            f[j] = f[j] * x[j] + p[k * size + i, j]
-                    for j in range(LANES):
-                        is_low = (f[j] < 0) == (f_left[j] < 0)
-                        low[j] = x[j] if is_low else low[j]
-                        high[j] = high[j] if is_low else x[j]
-                        newton = f[j] / slope[j]
-                        is_inside = low[j] < x[j] - newton < high[j]
-                        step = newton if is_inside else (high[j] - low[j]) / 2
-                        there = x[j] - newton if is_inside else (high[j] + low[j]) / 2
-                        x[j] = there if running[j] != 0.0 else x[j]
-                        running[j] = 0.0 if abs(step) < 1e-13 * (1 + abs(x[j])) else running[j]
+                        z = x[j]
+                        y = p[q + 8, j]
+                        dy = y
+                        y = y * z + p[q + 7, j]
+                        dy = dy * z + y
+                        y = y * z + p[q + 6, j]
+                        dy = dy * z + y
+                        y = y * z + p[q + 5, j]
+                        dy = dy * z + y
+                        y = y * z + p[q + 4, j]
+                        dy = dy * z + y
+                        y = y * z + p[q + 3, j]
+                        dy = dy * z + y
+                        y = y * z + p[q + 2, j]
+                        dy = dy * z + y
+                        y = y * z + p[q + 1, j]
+                        dy = dy * z + y
+                        y = y * z + p[q, j]
+                        is_low = (y < 0) == (f_left[j] < 0)
+                        low[j] = z if is_low else low[j]
+                        high[j] = high[j] if is_low else z
+                        step = y / dy
+                        is_inside = low[j] < z - step < high[j]
+                        there = z - step if is_inside else (high[j] + low[j]) / 2
+                        step = step if is_inside else (high[j] - low[j]) / 2
+                        x[j] = there if running[j] != 0.0 else z
+                        running[j] = 0.0 if abs(step) < tolerance * (1 + abs(x[j])) else running[j]
                     going_on = 0.0
                     for j in range(LANES):
                         going_on = max(going_on, running[j])
@@ -147,7 +211,7 @@ def _roots(coefficients: Matrix, out: Matrix, delicate: Booleans) -> None:
                     taylor = 0.0
                     factorial *= max(m, 1)
                     for r in range(degree, m - 1, -1):
-                        taylor = taylor * c + p[(degree - m) * size + r - m, j] / factorial
+                        taylor = taylor * c + p[(degree - m) * SIZE + r - m, j] / factorial
                     if m == 0:
                         value = taylor
                     elif m > 1 and abs(value / taylor) ** (1 / m) < _NEAR * (1 + c * c):

@@ -9,14 +9,13 @@ from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.equilibrium import follow
-from tensegrity_envs.seeding import EpisodeStream
+from tensegrity_envs.seeding import EpisodeStream, until_found
 from tensegrity_envs.simulation.quasi_static import DeltaControl
 
 _SHARE = 0.95  # of joint and input limits: starts and targets stay within
 _MIN_MARGIN = 0.02  # stability margin of starts and targets [-]
 _LEGS = 3  # of the walk from the start to the target
 _WALK = 80  # steps that the walk takes at most
-_MAX_ATTEMPTS = 1000
 
 
 class Start(NamedTuple):
@@ -62,19 +61,15 @@ class Sampler:
         size = self.critical * stream.uniform(*self.load_range)
         direction = stream.uniform(-np.pi, np.pi)
         load = np.stack([size * np.cos(direction), size * np.sin(direction)])
-        q, inputs, goal = np.zeros((m, n)), np.zeros((m, n)), np.zeros((m, n))
-        pending = np.arange(n)
-        for _ in range(_MAX_ATTEMPTS):
-            here = stream.at(pending)
-            force = tuple(load[:, pending])
-            start, delta, target, good = self._try(arm.take(pending), here, force)
-            stream.skip(m + _LEGS * m)
-            done = pending[good]
-            q[:, done], inputs[:, done], goal[:, done] = (np.stack(v)[:, good] for v in (start, delta, target))
-            pending = pending[~good]
-            if not len(pending):
-                return Start(tuple(q), tuple(inputs), tuple(load), tuple(goal))
-        raise RuntimeError(f"no start found for {self.arm.design} in {_MAX_ATTEMPTS} draws: lower load_range")
+
+        def attempt(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
+            start, delta, target, good = self._try(arm.take(owner), here, tuple(load[:, owner]))
+            return np.stack([*start, *delta, *target]), good
+
+        complaint = f"no start found for {self.arm.design} in {{}} draws: lower load_range"
+        found = until_found(stream, n, m + _LEGS * m, attempt, complaint)
+        q, inputs, goal = (tuple(found[k * m : (k + 1) * m]) for k in range(3))
+        return Start(q, inputs, tuple(load), goal)
 
     def start_at(self, arm: DualTriangle, posture: Components, load: Components) -> tuple[Components, Components]:
         """Where an arm rests, and under which inputs, that was put into a posture before it was loaded.

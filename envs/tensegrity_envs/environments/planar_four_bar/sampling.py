@@ -9,14 +9,13 @@ from tensegrity_envs.compiler.namespace import Component, Components, namespace_
 from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.equilibrium import follow
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
-from tensegrity_envs.seeding import EpisodeStream
+from tensegrity_envs.seeding import EpisodeStream, until_found
 from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl, wrench_margin
 
 _MARGIN = 0.1  # stability margin of unloaded starts and targets [-]
 _LOADED_MARGIN = 0.02  # under a load
 _LEGS = 3  # of the walk from the start to the target
 _WALK = 80  # steps that the walk takes at most
-_MAX_ATTEMPTS = 1000
 
 
 class Start(NamedTuple):
@@ -63,20 +62,15 @@ class Sampler:
         direction = stream.uniform(-np.pi, np.pi)
         load = np.stack([size * np.cos(direction), size * np.sin(direction)])
         side = np.where(stream.uniform() < 0.5, -1.0, 1.0)
-        q, lengths, target = (np.zeros((2, n)) for _ in range(3))
-        pending = np.arange(n)
         draws = 2 + 2 * _LEGS if any(self.load_range) else 4
-        for _ in range(_MAX_ATTEMPTS):
-            here = stream.at(pending)
-            *found, good = self._try(here, side[pending], tuple(load[:, pending]))
-            stream.skip(draws)
-            done = pending[good]
-            for whole, part in zip((q, lengths, target), found, strict=True):
-                whole[:, done] = np.stack(part)[:, good]
-            pending = pending[~good]
-            if not len(pending):
-                return Start(tuple(q), tuple(lengths), tuple(load), tuple(target), side)
-        raise RuntimeError(f"no start found for {self.mechanism.design} in {_MAX_ATTEMPTS} draws: lower load_range")
+
+        def attempt(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
+            q, lengths, target, good = self._try(here, side[owner], tuple(load[:, owner]))
+            return np.stack([*q, *lengths, *target]), good
+
+        complaint = f"no start found for {self.mechanism.design} in {{}} draws: lower load_range"
+        found = until_found(stream, n, draws, attempt, complaint)
+        return Start(tuple(found[:2]), tuple(found[2:4]), tuple(load), tuple(found[4:]), side)
 
     def _lengths(self, stream: EpisodeStream) -> Components:
         """Uniform over the quarter disc of radius 2 L, within the stroke."""

@@ -8,7 +8,7 @@ from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES, SpatialPrism, SpatialPrismDesign
-from tensegrity_envs.seeding import EpisodeStream
+from tensegrity_envs.seeding import EpisodeStream, until_found
 from tensegrity_envs.simulation.lengths import LengthControl
 from tensegrity_envs.simulation.protocol import Episode
 
@@ -89,20 +89,16 @@ class Sampler:
         stream = EpisodeStream(seed, episode)
         payload = stream.uniform(*self.payload_range)
         onset = np.floor(self.cycle * stream.uniform(0.1, 0.9))
-        table = np.zeros((3, 1 + 2 * HARMONICS, n))
-        pending = np.arange(n)
-        for _ in range(_MAX_ATTEMPTS):
-            found = self._candidates(stream.at(pending), len(pending))
-            stream.skip(_DRAWS)
-            good = self._can_be_followed(found, payload[pending])
-            table[..., pending[good]] = found[..., good]
-            pending = pending[~good]
-            if not len(pending):
-                return Start(_curve(table), payload, onset)
-        raise RuntimeError(
-            f"no curve found that {self.prism.design} can follow in {_MAX_ATTEMPTS} draws: "
-            "lower payload_range, or raise cycle"
+
+        def attempt(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
+            found = self._candidates(here, len(owner))
+            return found.reshape(-1, len(owner)), self._can_be_followed(found, payload[owner])
+
+        complaint = (
+            f"no curve found that {self.prism.design} can follow in {{}} draws: lower payload_range, or raise cycle"
         )
+        found = until_found(stream, n, _DRAWS, attempt, complaint, _MAX_ATTEMPTS)
+        return Start(_curve(found.reshape(3, 1 + 2 * HARMONICS, n)), payload, onset)
 
     def _candidates(self, stream: EpisodeStream, n: int) -> np.ndarray:
         """Mean and amplitudes, shape (3, 1 + 2 harmonics, n) [m]."""

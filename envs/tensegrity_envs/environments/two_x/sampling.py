@@ -12,13 +12,12 @@ from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.equilibrium import follow
 from tensegrity_envs.mechanics.two_x import TwoX, TwoXDesign
-from tensegrity_envs.seeding import EpisodeStream
+from tensegrity_envs.seeding import EpisodeStream, until_found
 
 _MIN_MARGIN = 0.01  # of starts and targets, for both margins [-]
 _GRID = 161  # nodes along each angle, for telling connected pieces apart
 _PAYLOAD_LEVELS = 9
 _MOST_SOLUTIONS = 8  # of the inverse kinematics
-_MAX_ATTEMPTS = 1000
 _TARGET_DRAWS = 1 << 20  # first draw of the targets: beyond every draw of the starts
 
 
@@ -61,7 +60,10 @@ class Sampler:
         axis = np.linspace(-design.joint_limit, design.joint_limit, _GRID)
         grid = tuple(np.meshgrid(axis, axis, indexing="ij"))
         self._pieces = np.stack(
-            [ndimage.label(_inside(TwoX(replace(design, payload=p)), grid))[0] for p in self._levels.tolist()]
+            [
+                ndimage.label(_is_far_inside(*TwoX(replace(design, payload=p)).posture(grid)[1:]))[0]
+                for p in self._levels.tolist()
+            ]
         )
         if not self._pieces.any(axis=(1, 2)).all():
             raise ValueError(
@@ -94,35 +96,23 @@ class Sampler:
         if self.payload_range is not None:
             payload = stream.uniform(*self.payload_range)
             mechanism = TwoX(replace(unloaded.design, payload=payload))
-        start, tensions = np.zeros((2, n)), np.zeros((4, n))
-        pending = np.arange(n)
-        for _ in range(_MAX_ATTEMPTS):
-            here = stream.at(pending)
-            q, forces, good = self._try_start(unloaded.take(pending), here, payload[pending])
-            stream.skip(2)
-            start[:, pending[good]] = np.stack(q)[:, good]
-            tensions[:, pending[good]] = np.stack(forces)[:, good]
-            pending = pending[~good]
-            if not len(pending):
-                break
-        else:
-            raise RuntimeError(f"no start found for {self.design} in {_MAX_ATTEMPTS} draws")
-        piece = self._piece(payload, tuple(start))
-        target = np.zeros((2, n))
-        stream = EpisodeStream(seed, episode, _TARGET_DRAWS)
-        pending = np.arange(n)
-        for _ in range(_MAX_ATTEMPTS):
-            q = self._uniform(stream.at(pending))
-            stream.skip(2)
-            good = _inside(mechanism.take(pending), q) & (self._piece(payload[pending], q) == piece[pending])
-            target[:, pending[good]] = np.stack(q)[:, good]
-            pending = pending[~good]
-            if not len(pending):
-                break
-        else:
-            raise RuntimeError(f"no target found for {self.design} in {_MAX_ATTEMPTS} draws")
         hidden = self.payload_range is not None
-        return Drawn(mechanism, tuple(start), tuple(tensions) if hidden else None, tuple(target))
+
+        def try_start(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
+            return self._try_start(unloaded.take(owner), here, payload[owner])
+
+        found = until_found(stream, n, 2, try_start, f"no start found for {self.design} in {{}} draws")
+        start = tuple(found[:2])
+        piece = self._piece(payload, start)
+
+        def try_target(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
+            q = self._uniform(here)
+            good = _inside(mechanism.take(owner), q) & (self._piece(payload[owner], q) == piece[owner])
+            return np.stack(q), good
+
+        stream = EpisodeStream(seed, episode, _TARGET_DRAWS)
+        target = until_found(stream, n, 2, try_target, f"no target found for {self.design} in {{}} draws")
+        return Drawn(mechanism, start, tuple(found[2:]) if hidden else None, tuple(target))
 
     def start_at(self, mechanism: TwoX, q: Components, is_hidden: bool) -> tuple[Components, Components | None]:
         """Where an arm begins, and under which tensions, that is put into a posture.
@@ -168,27 +158,25 @@ class Sampler:
         limit = self.design.joint_limit
         return stream.uniform(-limit, limit), stream.uniform(-limit, limit)
 
-    def _try_start(
-        self, nominal: TwoX, stream: EpisodeStream, payload: np.ndarray
-    ) -> tuple[Components, Components, np.ndarray]:
+    def _try_start(self, nominal: TwoX, stream: EpisodeStream, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where arms begin and, if the payload is hidden, under which tensions, and which of them are good."""
         q = self._uniform(stream)
         good = _inside(nominal, q)
-        tensions = nominal.stiffest_tensions(q)
+        found = np.stack(q)
         if self.payload_range is not None:
             index = np.flatnonzero(good)
             nominal = nominal.take(index)
-            part = tuple(f[index] for f in tensions)
-            rest = tuple(angle[index] for angle in q)
+            rest = tuple(found[:, index])
+            tensions = nominal.stiffest_tensions(rest)
             heaviest = np.full(len(index), float(self.payload_range[1]))
-            rest, held = _add_payload(nominal, rest, part, 0.0 * heaviest + nominal.design.payload, payload[index])
-            at_heaviest, held_heaviest = _add_payload(nominal, rest, part, payload[index], heaviest)
+            rest, held = _add_payload(nominal, rest, tensions, 0.0 * heaviest + nominal.design.payload, payload[index])
+            at_heaviest, held_heaviest = _add_payload(nominal, rest, tensions, payload[index], heaviest)
             held &= held_heaviest & nominal.is_within_limits(at_heaviest) & nominal.is_within_limits(rest)
-            q = tuple(angle.copy() for angle in q)
-            for whole, angle in zip(q, rest, strict=True):
-                whole[index] = angle
+            found = np.concatenate([found, np.zeros((len(tensions), len(good)))])
+            found[:, index] = np.stack([*rest, *tensions])
             good[index] &= held
-        good &= self._piece(payload, tuple(np.where(good, angle, 0.0) for angle in q)) > 0
-        return q, tensions, good
+        good &= self._piece(payload, tuple(np.where(good, angle, 0.0) for angle in found[:2])) > 0
+        return found, good
 
 
 def _shown(q: Components) -> str:
@@ -196,8 +184,17 @@ def _shown(q: Components) -> str:
 
 
 def _inside(mechanism: TwoX, q: Components) -> np.ndarray:
-    _, stability, wrench = mechanism.posture(q)
+    return _is_far_inside(*evaluate(_margins, mechanism.design, q))
+
+
+def _is_far_inside(stability: np.ndarray, wrench: np.ndarray) -> np.ndarray:
     return np.asarray((stability >= _MIN_MARGIN) & (wrench >= _MIN_MARGIN))
+
+
+def _margins(design: TwoXDesign, q: Components) -> tuple[Component, Component]:
+    """Stability and wrench margin of the stiffest tensions."""
+    _, stability, wrench = TwoX(design).posture(q)
+    return stability, wrench
 
 
 def _add_payload(
@@ -242,7 +239,8 @@ def feasible_solutions(
     """
     table = np.stack(mechanism.inverse_kinematics_batch(x, y))
     row, column = np.nonzero(np.isfinite(table[0]))
-    good = mechanism.take(row).is_stable_wrench_feasible(tuple(table[:, row, column]))
+    stability, wrench = evaluate(_margins, mechanism.take(row).design, tuple(table[:, row, column]))
+    good = (stability > 0) & (wrench >= 0)  # and within the joint limits, as all inverse solutions
     table[:, row[~good], column[~good]] = np.nan
     missing = np.isnan(table[0])
     table = np.take_along_axis(table, np.argsort(missing, axis=1, kind="stable")[None], axis=2)

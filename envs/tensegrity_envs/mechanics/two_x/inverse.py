@@ -5,10 +5,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.checks import check_finite
-from tensegrity_envs.mechanics.polynomials import product, real_roots
+from tensegrity_envs.mechanics.polynomials import real_roots, turned_product
 from tensegrity_envs.mechanics.roots import circle_roots
+from tensegrity_envs.mechanics.two_x import curve
+from tensegrity_envs.mechanics.two_x.curve import SAMPLES, beyond_joint_1, from_anomaly, off_curve, second_angle
 from tensegrity_envs.mechanics.two_x.kinematics import TwoXKinematics
 
 _FULL_TURN = 4 * math.pi  # of alpha, since theta = alpha / 2 runs once around
@@ -16,7 +19,6 @@ _NEARLY_SINGULAR = 2e-3  # 1 - (b/l)^2, where the polynomial is not enough
 _VALLEY = 4e-15  # of the reach: tips of nearly equal bars that are no further apart are the same but for rounding
 _GRID = 25  # starts along each joint, for nearly equal bars
 _ROUNDING = 1e-6  # [rad] by which rounding may carry a double root beyond a joint limit
-_SAMPLES = 16  # of the trigonometric polynomial of the inverse kinematics; 9 would determine it
 
 
 def _samples_to_polynomial() -> np.ndarray:
@@ -24,7 +26,7 @@ def _samples_to_polynomial() -> np.ndarray:
 
     With t = tan(omega/2) the trigonometric polynomial is (p_0 + ... + p_8 t^8) / (1 + t^2)^4.
     """
-    half = (math.pi + np.arange(_SAMPLES) * (2 * math.pi / _SAMPLES)) / 2
+    half = (math.pi + np.arange(SAMPLES) * (2 * math.pi / SAMPLES)) / 2
     power = np.arange(9)
     return np.linalg.pinv(np.sin(half)[:, None] ** power * np.cos(half)[:, None] ** (8 - power)).T
 
@@ -73,8 +75,7 @@ def solve(
         a1, a2 = _along_valleys(arm, x[owner], y[owner], a1, a2)
     a1, a2 = (2 * math.pi - (2 * math.pi - alpha) % _FULL_TURN for alpha in (a1, a2))  # into (-2 pi, 2 pi]
     a1, a2 = _onto_limits(arm, x[owner], y[owner], a1, a2)
-    px, py = arm.tip((a1, a2))
-    residual = np.hypot(px - x[owner], py - y[owner])
+    residual = evaluate(curve.distance, curve.geometry(arm), x[owner], y[owner], a1, a2)
     rounding = (_VALLEY if equal_bars else 1e-12) * arm.reach
     keep = (residual < rounding) & arm.is_within_limits((a1, a2))
     if arm.design.joint_limit <= math.pi:  # which leaves the flat poses out
@@ -86,7 +87,8 @@ def solve(
     else:
         new = _new_solutions(arm, x, y, owner, a1, a2, residual)
     kept = np.flatnonzero(new)
-    kept = kept[np.lexsort((a2[kept], a1[kept], owner[kept]))]
+    if equal_bars:
+        kept = kept[np.lexsort((a2[kept], a1[kept], owner[kept]))]
     return owner[kept], (a1[kept], a2[kept]), residual[kept]
 
 
@@ -191,37 +193,14 @@ def _polish(
     Steps that lead further away are taken back, and damped more: next to a singularity, where two solutions meet,
     full steps would run along the direction that moves the tip least.
     """
-    a1, a2 = a1.copy(), a2.copy()
-    px, py = arm.tip((a1, a2))
-    ex, ey = px - x, py - y
-    square, damped = ex * ex + ey * ey, np.full(len(a1), 1e-3)
-    active = np.arange(len(a1))
-    size = arm.reach
-    for _ in range(60):
-        q = (a1[active], a2[active])
-        (xa, xb), (ya, yb) = arm.jacobian(q)
-        # Levenberg's damping, quadratically small in the error: Newton's speed, yet finite steps where det J is 0.
-        ux, uy = ex[active], ey[active]
-        damping = damped[active] * square[active] / size**2
-        m11, m12, m22 = xa * xa + ya * ya + damping, xa * xb + ya * yb, xb * xb + yb * yb + damping
-        v1, v2 = xa * ux + ya * uy, xb * ux + yb * uy
-        det = xa * yb - xb * ya
-        det = det * det + damping * (m11 + m22 - damping) + 1e-300
-        step1, step2 = (m22 * v1 - m12 * v2) / det, (m11 * v2 - m12 * v1) / det
-        length = np.hypot(step1, step2)
-        shrink = 0.3 / np.maximum(0.3, length)
-        new1, new2 = q[0] - shrink * step1, q[1] - shrink * step2
-        px, py = arm.tip((new1, new2))
-        there = (px - x[active]) ** 2 + (py - y[active]) ** 2
-        better = there <= square[active]
-        done = active[better]
-        a1[done], a2[done], square[done] = new1[better], new2[better], there[better]
-        ex[done], ey[done] = (px - x[active])[better], (py - y[active])[better]
-        damped[active] *= np.where(better, 0.1, 100.0)
-        damped[active] = np.maximum(damped[active], 1e-3)
-        active = active[(length > 1e-11) & (square[active] > 0) & (damped[active] < 1e40)]
+    a1, a2, damped = a1.copy(), a2.copy(), np.full(len(a1), 1e-3)
+    active, geometry = np.arange(len(a1)), curve.geometry(arm)
+    for _ in range(60 // curve.POLISHING_STEPS):
         if not len(active):
             break
+        given = (x[active], y[active], a1[active], a2[active], damped[active])
+        a1[active], a2[active], damped[active], going_on = evaluate(curve.polished, geometry, *given)
+        active = active[going_on]
     return a1, a2
 
 
@@ -267,22 +246,16 @@ def _candidates(arm: TwoXKinematics, x: np.ndarray, y: np.ndarray) -> tuple[np.n
         raise ValueError("target (0, 0): the base, which every configuration with alpha_1 + alpha_2 = +-2 pi reaches")
     within = np.flatnonzero(distance <= arm.reach)
     x, y = x[within], y[within]
-    psi = np.arange(_SAMPLES) * (2 * math.pi / _SAMPLES)
-    flatness = arm._excess / (l * l)
-    hh = np.cos(psi) ** 2 + flatness * np.sin(psi) ** 2
-    _, dy, dd = _beyond_joint_1(arm, x[:, None], y[:, None], _from_anomaly(arm, psi))
-    samples = _off_curve(arm, dy, dd) * (hh * hh)
+    flatness, geometry = arm._excess / (l * l), curve.geometry(arm)
     # The variable is t = tan(omega/2), with t = infinity where the sample is largest: no root is near infinity.
-    top = np.abs(samples).argmax(axis=1)
-    turned = samples[np.arange(len(x))[:, None], (top[:, None] + np.arange(_SAMPLES)) % _SAMPLES]
-    polynomial = product(turned, _SAMPLES_TO_POLYNOMIAL)
+    top, polynomial = turned_product(evaluate(curve.samples, geometry, x, y), _SAMPLES_TO_POLYNOMIAL)
     owner, t = real_roots(polynomial)
-    a1 = _from_anomaly(arm, psi[top[owner]] + math.pi + 2 * np.arctan(t))
+    a1 = evaluate(curve.first_angle, geometry, top[owner] * (2 * math.pi / SAMPLES), t)
     # Ill-conditioned where the bars are nearly equal: all but the smallest angles have anomalies next to pi / 2.
     if flatness < _NEARLY_SINGULAR:
         more = _scanned(arm, x, y)
         owner, a1 = np.concatenate([owner, more[0]]), np.concatenate([a1, more[1]])
-    a2, u, rc, rr = _second_angle(arm, *_beyond_joint_1(arm, x[owner], y[owner], a1))
+    a2, u, rc, rr = evaluate(curve.second_angle_of, geometry, x[owner], y[owner], a1)
     # Where the curve crosses itself (u = 0) a point of it belongs to both signs of alpha_2.
     node = np.flatnonzero(np.abs(u) < 1e-3 * l * l)
     fold = 2 * np.arccos(np.clip(rc[node] / np.sqrt(rr[node] + 1e-300), -1.0, 1.0))
@@ -305,26 +278,6 @@ def _candidates(arm: TwoXKinematics, x: np.ndarray, y: np.ndarray) -> tuple[np.n
     return owner, a1, a2
 
 
-def _off_curve(arm: TwoXKinematics, dy: Component, dd: Component) -> Component:
-    """0 where joint 2 can reach the target; see `_candidates`."""
-    a, l, bb = arm.design.a, arm.design.l, arm._bb
-    u = dd - a * a
-    return u * (u - l * l) + bb * dy * dy - a * (2 * arm._excess * dy + a * (l * l + arm._excess))
-
-
-def _second_angle(
-    arm: TwoXKinematics, dx: Component, dy: Component, dd: Component
-) -> tuple[Component, Component, Component, Component]:
-    """alpha_2 [rad] of a target on the curve, u = d.d - a^2, r cos(alpha_2/2) and r^2; see `_candidates`."""
-    xp = arm._xp(dx, dy, dd)
-    a, l, bb = arm.design.a, arm.design.l, arm._bb
-    u = dd - a * a
-    rc = (a * (2 * (u - l * l) + bb) + bb * dy) / (bb + 4 * a * a)
-    rr = xp.maximum(u - 2 * a * rc, 0.0)
-    sign = xp.where(u > 0, 1.0, xp.where(u < 0, -1.0, 0.0))
-    return 2 * xp.atan2(-rr * dx * sign, rc * abs(u)), u, rc, rr
-
-
 def through_anomaly(
     arm: TwoXKinematics, x: Component, y: Component, psi: Component
 ) -> tuple[tuple[Component, Component], Component, Component]:
@@ -334,10 +287,10 @@ def through_anomaly(
         (alpha_1, alpha_2) [rad] with the tip at (x, y) [m] where the second result is 0; that result; and u, next
         to whose zeros [m2] alpha_2 has another solution.
     """
-    alpha1 = _from_anomaly(arm, psi)
-    dx, dy, dd = _beyond_joint_1(arm, x, y, alpha1)
-    alpha2, u, _, _ = _second_angle(arm, dx, dy, dd)
-    return (alpha1, alpha2), _off_curve(arm, dy, dd), u
+    alpha1 = from_anomaly(arm, psi)
+    dx, dy, dd = beyond_joint_1(arm, x, y, alpha1)
+    alpha2, u, _, _ = second_angle(arm, dx, dy, dd)
+    return (alpha1, alpha2), off_curve(arm, dy, dd), u
 
 
 def _scanned(arm: TwoXKinematics, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -345,31 +298,14 @@ def _scanned(arm: TwoXKinematics, x: np.ndarray, y: np.ndarray) -> tuple[np.ndar
     n = len(x)
 
     def off(line: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        a1 = np.where(line < n, 2 * angle, _from_anomaly(arm, angle))
-        _, dy, dd = _beyond_joint_1(arm, x[line % n], y[line % n], a1)
-        return np.asarray(_off_curve(arm, dy, dd))
+        a1 = np.where(line < n, 2 * angle, from_anomaly(arm, angle))
+        _, dy, dd = beyond_joint_1(arm, x[line % n], y[line % n], a1)
+        return np.asarray(off_curve(arm, dy, dd))
 
     if not n:
         return np.zeros(0, int), np.zeros(0)
     line, angle = circle_roots(off, 2 * n, 720, 1e-12)
-    return line % n, np.where(line < n, 2 * angle, _from_anomaly(arm, angle))
-
-
-def _from_anomaly(arm: TwoXKinematics, psi: Component) -> Component:
-    """The angle alpha [rad] at which the eccentric anomaly of a joint's rolling ellipses is psi."""
-    xp = arm._xp(psi)
-    return 2 * xp.atan2(xp.sqrt(arm._excess) / arm.design.l * xp.sin(psi), xp.cos(psi))
-
-
-def _beyond_joint_1(
-    arm: TwoXKinematics, x: Component, y: Component, a1: Component
-) -> tuple[Component, Component, Component]:
-    """The target seen from the base of joint 2, in that base's axes, and its distance squared."""
-    joint = arm._joint(arm._xp(x, y, a1), a1)
-    sin, cos = 2 * joint.s * joint.c, joint.c**2 - joint.s**2
-    dx = x + joint.r * joint.s + arm.design.a * sin
-    dy = y - joint.r * joint.c - arm.design.a * cos
-    return cos * dx + sin * dy, cos * dy - sin * dx, dx * dx + dy * dy
+    return line % n, np.where(line < n, 2 * angle, from_anomaly(arm, angle))
 
 
 def furet_quartic(x: float, y: float, b: float) -> np.ndarray:
