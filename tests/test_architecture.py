@@ -54,6 +54,7 @@ AGENT_LAYERS = [
     "experiment",
     "benchmark",
     "benchmark_against",
+    "benchmark_memory",
     "console",
     "command_options",
 ]
