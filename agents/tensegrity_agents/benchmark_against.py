@@ -64,7 +64,9 @@ def block(env_id, count, steps, size):
 
 for line in sys.stdin:
     asked = json.loads(line)
-    if asked["steps"]:
+    if asked is None:
+        print("told", json.dumps(tensegrity_envs.ENV_IDS), flush=True)
+    elif asked["steps"]:
         print("told", json.dumps(block(**asked)), flush=True)
     else:
         del envs[asked["env_id"], asked["count"]]
@@ -104,8 +106,8 @@ class _Build:
         )
 
     def ask(self, **what: Any) -> Any:
-        """The answer to one question."""
-        cast(IO[str], self._process.stdin).write(json.dumps(what) + "\n")
+        """The answer to one question; to none, the ids that there are."""
+        cast(IO[str], self._process.stdin).write(json.dumps(what or None) + "\n")
         cast(IO[str], self._process.stdin).flush()
         for line in cast(IO[str], self._process.stdout):
             if line.startswith("told "):
@@ -144,7 +146,11 @@ def against(
     builds = [_Build(Path(tensegrity_envs.__file__).parents[1]), _Build(checkout.resolve() / "envs")]
     lines = []
     try:
+        known = builds[1].ask()
         for env_id in ids:
+            if env_id not in known:
+                progress(f"{env_id}: the other checkout does not have it")
+                continue
             for count in counts:
                 progress(f"{env_id} x {count or 1}, {rounds} blocks of either build")
                 lines += _compare(builds, env_id, count, rounds)

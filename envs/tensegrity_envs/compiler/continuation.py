@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from tensegrity_envs.compiler.lowering import Matrix, Vector
 
 CONVERGED = 1e-6  # last Newton step [rad or m]; the error that it leaves is of the order of its square
@@ -16,7 +18,6 @@ FIRST_STEP = 0.8  # longest first step of a sub-step [rad or m]
 CHANGE = 3.0  # the determinant of the Hessian changes at most by this factor, from the start of a step to its end
 ITERATIONS_OF_SUBSTEP = 3  # leave an error that the next sub-step corrects
 GOING_ON, FAILED, SOLVED = 0.0, 1.0, 2.0
-ALONE = 1  # column
 TOGETHER = 8  # columns of which a Newton step takes care at once: `loops.LANES`
 
 
@@ -31,6 +32,7 @@ class Rows:
         known_volume: that at the last known equilibrium.
         longest: Newton step that is accepted.
         status: of a solution.
+        last_volume: the determinant at the last step that counted.
         known: the first of n rows with the last known equilibrium.
         captured: the first row with the numbers that the path depends on.
     """
@@ -39,7 +41,7 @@ class Rows:
         self.parameter, self.step = n, n + 1
         self.pivot, self.volume = 2 * n + 1, 2 * n + 2
         self.known_volume, self.longest, self.status = 2 * n + 3, 2 * n + 4, 2 * n + 5
-        self.known, self.captured = 2 * n + 6, 3 * n + 6
+        self.last_volume, self.known, self.captured = 2 * n + 6, 2 * n + 7, 3 * n + 7
 
 
 def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) -> Any:
@@ -53,6 +55,7 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
     rows = Rows(n)
     PARAMETER, STEP, PIVOT, VOLUME = rows.parameter, rows.step, rows.pivot, rows.volume
     KNOWN_VOLUME, LONGEST, STATUS, KNOWN = rows.known_volume, rows.longest, rows.status, rows.known
+    LAST_VOLUME = rows.last_volume
 
     @compiled
     def solve(c: Vector, w: Matrix, count: int, iterations: int) -> None:
@@ -73,6 +76,7 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
             for j in range(count):
                 if w[STATUS, j] != GOING_ON:
                     continue
+                w[LAST_VOLUME, j] = w[VOLUME, j]  # the others' next steps fill the row again
                 size = 0.0
                 for i in range(n):
                     size = max(size, abs(w[STEP + i, j]))
@@ -96,31 +100,45 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
                 w[STATUS, j] = SOLVED if iterations < ITERATIONS else FAILED
 
     @compiled
-    def substeps(c: Vector, w: Matrix, resolution: float) -> None:
-        """Follow the equilibrium of the first column in sub-steps, shortened until Newton's steps contract."""
-        t, length = 0.0, 0.5
-        while t < 1.0 and length > resolution:
-            ahead = min(t + length, 1.0)
-            w[PARAMETER, 0] = ahead
-            solve(c, w, ALONE, ITERATIONS_OF_SUBSTEP)
-            if w[STATUS, 0] == SOLVED:
-                t, w[KNOWN_VOLUME, 0] = ahead, w[VOLUME, 0]
+    def substeps(c: Vector, w: Matrix, count: int, resolution: float) -> None:
+        """Follow the equilibria in the first columns, each in sub-steps of its own, shortened until Newton's steps
+        contract.
+        """
+        t, length, ahead = np.zeros(w.shape[1]), np.zeros(w.shape[1]), np.zeros(w.shape[1])
+        for j in range(count):
+            length[j] = 0.5
+        while True:
+            going_on = False
+            for j in range(count):
+                ahead[j] = t[j]
+                if t[j] < 1.0 and length[j] > resolution:
+                    ahead[j] = min(t[j] + length[j], 1.0)
+                    going_on = True
+                w[PARAMETER, j] = ahead[j]
+            if not going_on:
+                break
+            solve(c, w, count, ITERATIONS_OF_SUBSTEP)
+            for j in range(count):
+                if ahead[j] == t[j]:
+                    continue
+                if w[STATUS, j] == SOLVED:
+                    t[j], w[KNOWN_VOLUME, j] = ahead[j], w[LAST_VOLUME, j]
+                    for i in range(n):
+                        w[KNOWN + i, j] = w[i, j]
+                    length[j] *= 2.0
+                else:
+                    length[j] *= 0.5
+        solve(c, w, count, ITERATIONS)
+        for j in range(count):
+            if w[STATUS, j] != SOLVED:
                 for i in range(n):
-                    w[KNOWN + i, 0] = w[i, 0]
-                length *= 2.0
-            else:
-                length *= 0.5
-        w[PARAMETER, 0] = t
-        solve(c, w, ALONE, ITERATIONS)
-        if w[STATUS, 0] != SOLVED:
-            for i in range(n):
-                w[i, 0] = w[KNOWN + i, 0]
+                    w[i, j] = w[KNOWN + i, j]
 
     @compiled
     def follow(c: Vector, w: Matrix, alone: Matrix, count: int, resolution: float) -> None:
         """Follow the stable equilibria in the first rows from path parameter 0 to 1.
 
-        One Newton solve for all at once; those whose steps do not contract from the start go on alone, in sub-steps.
+        One Newton solve for all at once; those whose steps do not contract from the start go on in sub-steps.
         Leaves the last stable points in the first rows, and in that of the parameter what fraction of the path was
         covered: 1, or less where stability ended (or all but ended: where a sub-step of the given resolution is still
         too long).
@@ -132,6 +150,7 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
             count: how many columns are filled.
             resolution: length of the shortest sub-step, as a fraction of the path.
         """
+        place = np.zeros(w.shape[1])  # of those that go on in sub-steps
         for j in range(count):
             w[PARAMETER, j] = 0.0
             for i in range(n):
@@ -141,6 +160,7 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
             w[KNOWN_VOLUME, j] = w[VOLUME, j] if w[PIVOT, j] > 0.0 else math.nan  # of an unstable one nothing follows
             w[PARAMETER, j] = 1.0
         solve(c, w, count, ITERATIONS)
+        left = 0
         for j in range(count):
             if w[STATUS, j] == SOLVED:
                 continue
@@ -149,11 +169,16 @@ def follower(newton: Callable[..., None], n: int, compiled: Callable[..., Any]) 
                 for i in range(n):
                     w[i, j] = w[KNOWN + i, j]
                 continue
-            for i in range(w.shape[0]):
-                for k in range(TOGETHER):
-                    alone[i, k] = w[i, j]
-            substeps(c, alone, resolution)
+            place[left] = j
+            left += 1
+        if left == 0:
+            return
+        for i in range(w.shape[0]):
+            for k in range((left + TOGETHER - 1) // TOGETHER * TOGETHER):
+                alone[i, k] = w[i, int(place[min(k, left - 1)])]
+        substeps(c, alone, left, resolution)
+        for k in range(left):
             for i in range(n + 1):
-                w[i, j] = alone[i, 0]
+                w[i, int(place[k])] = alone[i, k]
 
     return follow

@@ -107,13 +107,19 @@ def _new_solutions(
         same = owner[lag:] == owner[:-lag]
         if not same.any():
             break
-        gap = _angle_gap(a1[lag:], a1[:-lag]) + _angle_gap(a2[lag:], a2[:-lag])
+        apart = np.abs(a1[lag:] - a1[:-lag])
+        first = np.flatnonzero(same & ((apart < 1e-5) | (apart > _FULL_TURN - 1e-5)))
+        if not len(first):
+            continue
+        second = first + lag
+        gap = _angle_gap(a1[second], a1[first]) + _angle_gap(a2[second], a2[first])
         one = gap <= 1e-6
-        near = np.flatnonzero(same & ~one & (gap < 1e-5))  # of a double root: what lies between is as good
-        px, py = arm.tip(tuple((a[lag:][near] + a[:-lag][near]) / 2 for a in (a1, a2)))
-        between = np.hypot(px - x[owner[lag:][near]], py - y[owner[lag:][near]])
-        one[near] = between <= np.maximum(residual[lag:][near], residual[:-lag][near])
-        new[lag:] &= ~same | ~one
+        near = ~one & (gap < 1e-5)  # of a double root: what lies between is as good
+        i, j = first[near], second[near]
+        px, py = arm.tip(tuple((a[j] + a[i]) / 2 for a in (a1, a2)))
+        between = np.hypot(px - x[owner[j]], py - y[owner[j]])
+        one[near] = between <= np.maximum(residual[j], residual[i])
+        new[second[one]] = False
     return new
 
 
