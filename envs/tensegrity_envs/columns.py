@@ -237,3 +237,13 @@ def put_back(source: Rows, index: Integers, target: Rows) -> None:
     for i in range(source.shape[0]):
         for k in range(len(index)):
             target[i, index[k]] = source[i, index[k]]
+
+
+@Compiled
+def keep(matrix: Rows, place: Integers, kept: Matrix) -> None:
+    """The columns of a matrix as rows of another one, each at its place."""
+    n = len(place)
+    for start in range(0, n, BLOCK):
+        for i in range(kept.shape[1]):
+            for k in range(start, min(start + BLOCK, n)):
+                kept[place[k], i] = matrix[i, k]

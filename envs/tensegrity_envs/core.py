@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace, namespace_of, to_single
-from tensegrity_envs.compiler.pytree import Schema, is_row, tree_leaves
+from tensegrity_envs.compiler.pytree import Schema, as_matrix, is_row, tree_leaves
 from tensegrity_envs.compiler.threads import Threads
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.observation import Field, ObservationSchema
@@ -494,7 +494,7 @@ class Core(ABC):
                     self._models(episodes),
                 ),
             )
-        return self.postprocess(episodes, outcomes)
+        return as_matrix(self.postprocess(episodes, outcomes))  # which may be anybody's
 
     @cached_property
     def _is_one_kernel(self) -> bool:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs import columns
+from tensegrity_envs.compiler.pytree import as_matrix
 from tensegrity_envs.core import Core
 from tensegrity_envs.seeding import stored_seed
 
@@ -131,6 +132,7 @@ class EpisodeQueue:
         number = self._next[owner] + np.arange(len(owner)) - np.repeat(np.cumsum(wanted) - wanted, wanted)
         place = owner * self._ahead + number % self._ahead
         episodes, outcomes = self._core.begin(self._seeds[owner], number)
-        self._episodes[place], self._outcomes[place] = episodes.T, outcomes.T
+        columns.keep.run(as_matrix(episodes), place, self._episodes)
+        columns.keep.run(as_matrix(outcomes), place, self._outcomes)
         self._next += wanted
         self._left += wanted

@@ -246,7 +246,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
     def _same_step(self, count: int) -> dict[str, Any]:
         """Begin the next episodes of those that ended; what was last seen of them, as entries of info."""
         ended, index = self._ended, self._index[:count].copy()
-        final = np.full(self.num_envs, None, object)
+        final = np.empty(self.num_envs, object)  # None
         last = self._observation(self._outcomes, index)
         each = zip(last["observation"], last["achieved_goal"], last["desired_goal"], strict=True)
         for i, (seen, achieved, desired) in zip(index.tolist(), each, strict=True):

@@ -157,6 +157,21 @@ def test_any_number_of_threads_gives_the_same_to_the_last_bit():
     many.close()
 
 
+def test_gaps_between_the_rows_of_matrices_change_nothing():
+    """Of 128 environments there are some, of 127 none: see `compiler.pytree.empty_matrix`."""
+    env_id = "tensegrity/TwoXTensionReach-v0"
+    even, odd = (make_vec(env_id, count, autoreset_mode="SameStep") for count in (128, 127))
+    actions = np.random.default_rng(0).uniform(-1, 1, (20, *even.action_space.shape))
+    results = [[envs.reset(seed=0), *(envs.step(a[: envs.num_envs]) for a in actions)] for envs in (even, odd)]
+    assert even.unwrapped.get_state()["episodes"].flags.c_contiguous
+    for (mine, *_, told), (other, *_, expected) in zip(*results, strict=True):
+        for key, value in other.items():
+            np.testing.assert_array_equal(mine[key][:127], value)
+        for name in expected:
+            if not name.startswith(("final", "_")):
+                np.testing.assert_array_equal(told[name][:127], expected[name])
+
+
 @pytest.mark.parametrize("threads", [0, -1, 1.5, True, "two"])
 def test_numbers_of_threads_that_are_none_are_refused(threads):
     with pytest.raises(ValueError, match="threads"):

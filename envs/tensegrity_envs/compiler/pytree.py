@@ -60,6 +60,16 @@ def empty_matrix(rows: int, columns: int) -> np.ndarray:
     return np.empty((rows, columns + _GAP))[:, :columns]
 
 
+def as_matrix(array: Any) -> np.ndarray:
+    """An array of two dimensions as compiled code reads it: itself, if it is of float64 and its rows are unbroken."""
+    given = np.asarray(array)
+    if given.dtype == np.float64 and given.ndim == 2 and given.strides[1] == given.itemsize:
+        return given
+    matrix = empty_matrix(*given.shape)
+    matrix[...] = given
+    return matrix
+
+
 def is_array(value: Any) -> bool:
     """Whether a value varies along a batch."""
     return isinstance(value, np.ndarray)

@@ -160,7 +160,7 @@ class TwoXPostureChange(TwoXRegions, Core):
             rows = self.outcomes.rows
             # From the goals as they are given out, so that a relabelled reward is the same number
             q, goal = (
-                2 * np.stack([matrix[row] for row in place])
+                2 * matrix[place[0] : place[-1] + 1]
                 for matrix, place in ((outcomes, rows.achieved), (episodes, self.episodes.rows.goal))
             )
             running = outcomes[rows.state.failure] == RUNNING
