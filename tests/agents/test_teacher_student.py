@@ -170,3 +170,16 @@ def test_teachers_that_do_not_fit_are_explained(train, match, tmp_path):
     (tmp_path / "config.yaml").write_text(__import__("yaml").safe_dump(text))
     with pytest.raises(ConfigError, match=match):
         load_experiment(tmp_path / "config.yaml")
+
+
+def test_settings_that_came_later_had_their_default():
+    """A policy that was trained before there were these settings is the same, and not trained again."""
+    from tensegrity_agents.sb3.checkpoint import with_later_settings
+
+    now = small().train.model_dump(mode="json")
+    before = {key: value for key, value in now.items() if key != "history"} | {"history": 2}
+    before["teacher"] = {key: value for key, value in now["teacher"].items() if key != "edge_weight"}
+    before["ppo"] = {key: value for key, value in now["ppo"].items() if key not in ("log_std_end", "value_rollouts")}
+    assert with_later_settings(before, now) == now
+    before["teacher"]["gradient_steps"] = 9
+    assert with_later_settings(before, now) != now

@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from pydantic import BaseModel
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-from tensegrity_agents.config import TrainConfig
+from tensegrity_agents.config import OffPolicySettings, PPOSettings, TeacherSettings, TrainConfig
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
@@ -158,11 +159,21 @@ def go_on(state: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> Non
 
 def with_later_settings(before: dict[str, Any], described: dict[str, Any]) -> dict[str, Any]:
     """Settings as they were recorded, completed by those that came later, which had their default then."""
-    later: dict[str, Any] = {"options": {}}
-    for key, field in TrainConfig.model_fields.items():
-        if not field.is_required():
-            later[key] = field.get_default(call_default_factory=True)
-    return {key: later[key] for key in described if key in later} | before
+    later: dict[str, Any] = {"options": {}} | _defaults(TrainConfig)
+    settings = {key: later[key] for key in described if key in later} | before
+    for key, model in (("ppo", PPOSettings), ("off_policy", OffPolicySettings), ("teacher", TeacherSettings)):
+        if isinstance(before.get(key), dict):
+            settings[key] = _defaults(model) | before[key]
+    return settings
+
+
+def _defaults(model: type[BaseModel]) -> dict[str, Any]:
+    """The defaults of those settings that have some."""
+    return {
+        key: field.get_default(call_default_factory=True)
+        for key, field in model.model_fields.items()
+        if not field.is_required()
+    }
 
 
 def adapter_of(env: VecNormalize) -> VectorEnvAdapter:
