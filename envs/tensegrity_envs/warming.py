@@ -31,3 +31,16 @@ def compile_all(ids: Iterable[str] | None = None, progress: Callable[[str], None
             env.step(np.zeros(env.action_space.shape, np.float32))
             env.unwrapped.compute_reward(observation["achieved_goal"], observation["desired_goal"], info)
             env.close()
+    if wanted:
+        _compile_loops_of_vectors(wanted[0])
+
+
+def _compile_loops_of_vectors(env_id: str) -> None:
+    """What the vector shell adds, which is the same for all environments; see `columns`."""
+    for mode in ("NextStep", "SameStep"):
+        options: dict[str, Any] = {"max_episode_steps": 1, "autoreset_mode": mode}
+        envs = gym.make_vec(env_id, 2, vectorization_mode="vector_entry_point", **options)
+        envs.reset(seed=0)
+        for kind in (np.float32, float):
+            envs.step(np.zeros(envs.action_space.shape or (), kind))
+        envs.close()

@@ -18,8 +18,9 @@ both sides of which are computed. Run on floats, arrays or tensors, the same fun
    compiler's version, files are checked before they are used;
 5. is called with matrices, a row for each component and a column for each environment (`pytree.Schema`, `calling`).
 
-One column gives what it gives among many, to the last bit: there is one version of the code. `evaluate(function, ...)`
-does all that for floats and arrays. `TENSEGRITY_CACHE_DIR` moves the cache; `compile_all` fills it.
+One column gives what it gives among many, to the last bit: there is one version of the code. `threads` lets several
+processor cores evaluate a kernel. `evaluate(function, ...)` does all that for floats and arrays. `TENSEGRITY_CACHE_DIR`
+moves the cache; `compile_all` fills it.
 
 **How to look at a kernel's code.** `print(kernel.source())` is LLVM's intermediate representation, `kernel.graph.ops`
 the operations, `kernel.graph.constants` the data by source.
