@@ -8,6 +8,7 @@ import torch
 from tensegrity_agents.config import ConfigError, Experiment
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
+from tensegrity_agents.sb3.checkpoint import TrainingError
 from tensegrity_agents.sb3.history import History
 from tensegrity_agents.sb3.policy_file import load_policy
 from tensegrity_agents.sb3.teacher_student import Lessons, Teacher
@@ -183,3 +184,15 @@ def test_settings_that_came_later_had_their_default():
     assert with_later_settings(before, now) == now
     before["teacher"]["gradient_steps"] = 9
     assert with_later_settings(before, now) != now
+
+
+def test_every_task_has_something_to_learn_and_what_cannot_be_told_is_refused():
+    for env_id, name in (("tensegrity/SpatialPrismTrack-v0", "oracle"), ("tensegrity/DualTrianglePush-v0", "oracle")):
+        envs = make_vec(env_id, 4)
+        envs.reset(seed=0)
+        teacher = Teacher(name, env_id, {}, envs.unwrapped, 20, 25)
+        assert np.isfinite(teacher.actions(np.ones(4, bool))).all()
+        assert teacher.knows_a_way.all()
+    envs = make_vec("tensegrity/DualTriangleLoadedReachUncertain-v0", 4)
+    with pytest.raises(TrainingError, match=r"cannot be told what every episode draws \(stiffness\)"):
+        Teacher("oracle", "tensegrity/DualTriangleLoadedReachUncertain-v0", {}, envs.unwrapped, 20, 25)

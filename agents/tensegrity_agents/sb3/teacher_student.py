@@ -23,6 +23,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers import teachers_of
+from tensegrity_agents.sb3.checkpoint import TrainingError
 from tensegrity_agents.sb3.policy_file import Normalization
 from tensegrity_envs.simulation.protocol import RUNNING
 
@@ -66,6 +67,14 @@ class Teacher:
         env: Any = gym.make(env_id, **own).unwrapped
         self.core = env.core
         self.oracle = teachers_of(env_id)[name](self.core)
+        sampled = self.core.sample(np.zeros(2, np.int64), np.arange(2)).episode
+        try:
+            self.oracle.begin_episodes(np.ones(2, bool), sampled.design, sampled)
+        except ValueError as error:
+            drawn_design = ", ".join(name for name in drawn if name in ("stiffness", "mass", "payload"))
+            raise TrainingError(
+                f"teacher {name!r} of {env_id} cannot be told what every episode draws ({drawn_design}): {error}"
+            ) from error
         n, size = shell.num_envs, self.core.simulation.action_size
         self.rate = float(self.core.simulation.rate)
         self.path = np.zeros((n, horizon, size))
@@ -139,7 +148,9 @@ class Teacher:
             if (failed | (rests & (outcomes[rows.info["is_success"]] != 0))).all():
                 break
             before = here
-        return path, (outcomes[rows.info["is_success"]] != 0) & ~failed
+        # Tasks that last to the end of the episode tell of success only then.
+        on_target = outcomes[rows.info[self.core.error_name]] <= self.core.task.tolerance
+        return path, ((outcomes[rows.info["is_success"]] != 0) | on_target) & ~failed
 
     def _undisturbed(self, episodes: np.ndarray, outcomes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same episodes and states without delay and noise."""
