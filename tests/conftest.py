@@ -8,6 +8,7 @@ import subprocess
 
 import pytest
 
+import law_rows
 from tensegrity_envs.simulation.mujoco.displays import choose_gl
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
@@ -15,8 +16,14 @@ choose_gl()
 
 
 def pytest_addoption(parser):
-    """`--full` runs the full tier, too."""
+    """`--full` runs the full tier, too; `--ids` and `--cases` run the laws on what is your own."""
     parser.addoption("--full", action="store_true", help="run the tests of the full tier, too")
+    law_rows.add_options(parser)
+
+
+def pytest_configure(config):
+    """Take what `--ids` and `--cases` name."""
+    law_rows.take(config)
 
 
 def pytest_collection_modifyitems(config, items):
@@ -27,6 +34,7 @@ def pytest_collection_modifyitems(config, items):
         later = [item for item in items if item.get_closest_marker("full")]
         config.hook.pytest_deselected(items=later)
         items[:] = [item for item in items if not item.get_closest_marker("full")]
+    law_rows.select(config, items)
     for item in items:
         named = re.search(r"\btensegrity/(\w+)-v\d", item.nodeid)
         if named:

@@ -30,7 +30,7 @@ from tensegrity_envs.rendering import Scene, frame_around
 from tensegrity_envs.simulation.dynamic import Command, Drivable, DynamicControl, Motion
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import FAILURES, RUNNING, Episode, Simulation, State
-from tensegrity_envs.tasks import Task
+from tensegrity_envs.tasks import Task, Weights
 
 if TYPE_CHECKING:
     from tensegrity_envs.simulation.mujoco.engine import Engine
@@ -98,6 +98,8 @@ class Core(ABC):
         published: the default design, a published one.
         shared: the names of the options of `Options` that the constructor takes.
         option_defaults: the defaults of these options where they differ from those of `Options`.
+        task_type: the class of the task; a subclass of the environment may set another.
+        default_weights: weights of the dense reward that are not given, of the class that the task has.
         design: the nominal design, which controllers know.
         nominal: the mechanism of the nominal design.
         simulation: how actions move the mechanism.
@@ -124,6 +126,8 @@ class Core(ABC):
     published: ClassVar[Any]
     shared: ClassVar[tuple[str, ...]] = OPTION_NAMES
     option_defaults: ClassVar[Mapping[str, Any]] = {}
+    task_type: ClassVar[type[Task]]
+    default_weights: ClassVar[Weights]
     design: Any
     nominal: Any
     simulation: Simulation | DynamicControl

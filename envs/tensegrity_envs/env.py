@@ -35,7 +35,8 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
     every weighted term of the reward as reward_<name>.
 
     Args:
-        arm: the name of its core in `environments.ARMS`, such as "TwoXReach", or a `Core` class of your own.
+        arm: the name of its core in `environments.ARMS`, such as "TwoXReach", or a `Core` class of your own, itself
+            or as "module:Class", which specs can hold as JSON.
         render_mode: None, "rgb_array" or "human".
         render_size: side of the picture, or (width, height) [pixels].
         **options: of the core.

@@ -40,7 +40,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
     Nothing that is handed out is the environment's own memory.
 
     Args:
-        arm: the name of their core in `environments.ARMS`, such as "TwoXReach", or a `Core` class of your own.
+        arm: the name of their core in `environments.ARMS`, such as "TwoXReach", or a `Core` class of your own, itself
+            or as "module:Class", which specs can hold as JSON.
         num_envs: number of environments.
         max_episode_steps: truncation; None or -1 for none.
         autoreset_mode: "NextStep", "SameStep", "Disabled", or a `gymnasium.vector.AutoresetMode`. Only the strings

@@ -7,12 +7,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+import law_rows
 import tensegrity_envs
 from tensegrity_envs.info import meanings_of
 from tensegrity_envs.vector_env import step_info
 
 TOOL = Path(__file__).parents[2] / "docs" / "tables.py"
-every_id = pytest.mark.parametrize("env_id", tensegrity_envs.ENV_IDS)
+every_id = pytest.mark.parametrize("env_id", law_rows.ids(tensegrity_envs.ENV_IDS))
 
 
 @pytest.fixture
@@ -40,7 +41,7 @@ def test_a_changed_table_is_noticed_and_mended(tables, tmp_path, monkeypatch, ca
 
 
 def make(env_id, **options):
-    if "MuJoCo" in env_id:
+    if gym.spec(env_id).kwargs.get("backend") == "mujoco":
         pytest.importorskip("mujoco")
     return gym.make_vec(env_id, 32, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **options)
 

@@ -1,6 +1,6 @@
 """The dual-triangle arm that holds against a push."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -40,6 +40,8 @@ class DualTrianglePush(DualTriangleCore):
     shared = QUASI_STATIC
     input_name = "free_lengths"
     control = "free_lengths"
+    task_type: ClassVar[type[Hold]] = Hold
+    default_weights = HoldWeights()
 
     def __init__(self, load_per_step: float = 0.3 / 150, **shared: Any) -> None:
         options = Options.of(type(self), shared)
@@ -50,10 +52,10 @@ class DualTrianglePush(DualTriangleCore):
             raise ValueError(f"load_per_step = {load_per_step!r}: must be positive")
         self.simulation = FreeLengthControl(self.nominal)
         self.load_rate = -load_per_step * float(self.design.k1) * float(self.design.b1)
-        self.task = Hold(
+        self.task = self.task_type(
             reference_load=self.critical_load,
             input_scale=FreeLengthControl.highest * float(self.design.free_length1),
-            **options.scoring(HoldWeights(), 0.006, self.scale),
+            **options.scoring(self.default_weights, 0.006, self.scale),
         )
         b = float(self.design.b1)
         highest = float(self.simulation.bounds(self.nominal)[1])

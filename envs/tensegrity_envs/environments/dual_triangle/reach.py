@@ -1,6 +1,6 @@
 """The dual-triangle arm as a reaching environment, loaded or not."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -37,6 +37,8 @@ class DualTriangleReach(DualTriangleCore):
     input_name = "control_inputs"
     hidden_info_keys = ("load",)
     control = "delta"
+    task_type: ClassVar[type[Reach]] = Reach
+    default_weights = ReachWeights()
 
     def __init__(self, load_range: tuple[float, float] | None = None, **shared: Any) -> None:
         options = Options.of(type(self), shared)
@@ -45,10 +47,10 @@ class DualTriangleReach(DualTriangleCore):
         self.take_options(options, applicable, f"a {options.backend} arm of dual-triangles")
         control = DeltaControl(self.nominal)
         self.set_simulation(control, options, Dynamics(timestep=0.002, frame_skip=10))
-        self.task = Reach(
+        self.task = self.task_type(
             input_scale=float(self.design.free_length1),
             joint_span=2 * float(self.design.joint_limit),
-            **options.scoring(ReachWeights(), 0.003, self.scale),
+            **options.scoring(self.default_weights, 0.003, self.scale),
         )
         self.sampler = Sampler(self.nominal, control, load_range)
         self.set_spaces()

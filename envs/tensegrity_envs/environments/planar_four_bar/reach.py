@@ -76,6 +76,8 @@ class PlanarFourBarReach(Core):
         "random_side": ("-", "on which side of the line CD the episode runs, 1 or -1"),
     }
     control = "actuator_lengths"
+    task_type: ClassVar[type[InputReach]] = InputReach
+    default_weights = ReachWeights(effort=0.0)
 
     def __init__(self, load_range: tuple[float, float] | None = None, **shared: Any) -> None:
         options = Options.of(type(self), shared)
@@ -91,11 +93,11 @@ class PlanarFourBarReach(Core):
         self.reach = float(self.nominal.reach)
         control = (RectangleControl if load_range is None else LoadedLengthControl)(self.nominal)
         self.set_simulation(control, options, DYNAMICS)
-        self.task = InputReach(
+        self.task = self.task_type(
             input_scale=2 * float(self.design.length),
             joint_span=2.5 * float(self.design.length),
             obstacle=around_meeting(self.nominal, _MARGIN if load_range is None else _MARGIN_LOADED),
-            **options.scoring(ReachWeights(effort=0.0), 0.05, self.design.length / self.published.length),
+            **options.scoring(self.default_weights, 0.05, self.design.length / self.published.length),
         )
         self.sampler = Sampler(self.nominal, control, load_range)
         self.set_spaces()

@@ -70,6 +70,8 @@ class SpatialPrismTrack(Core):
     design: SpatialPrismDesign
     input_name = "lengths"
     control = "lengths"
+    task_type: ClassVar[type[Track]] = Track
+    default_weights = TrackWeights()
 
     def __init__(
         self,
@@ -91,10 +93,10 @@ class SpatialPrismTrack(Core):
         self.cycle = cycle
         # |r|^2 = mean (l_i^2 - |b_i - a_i|^2) at any orientation: no centroid is farther than a strut can be long
         self.reach = float(self.simulation.bounds(self.nominal)[1])
-        self.task = Track(
+        self.task = self.task_type(
             input_scale=self.reach,
             cycle=cycle,
-            **options.scoring(TrackWeights(), 0.002, self.design.D / self.published.D),
+            **options.scoring(self.default_weights, 0.002, self.design.D / self.published.D),
         )
         self.set_spaces(goal_size=3)
 

@@ -62,6 +62,8 @@ class TwoXPostureChange(TwoXRegions, Core):
     goal_name = "theta"
     error_name = "posture_error"
     error_unit = "mrad"
+    task_type: ClassVar[type[Posture]] = Posture
+    default_weights = PostureWeights()
 
     def __init__(self, smallest: float = 1e-3, **shared: Any) -> None:
         options = Options.of(type(self), shared)
@@ -77,7 +79,7 @@ class TwoXPostureChange(TwoXRegions, Core):
         self.nominal = TwoX(self.design)
         self.reach = float(self.nominal.reach)
         self.simulation = JointPaths(smallest)
-        self.task = Posture(span=math.pi, margin=0.1, **options.scoring(PostureWeights(), 0.02))
+        self.task = self.task_type(span=math.pi, margin=0.1, **options.scoring(self.default_weights, 0.02))
         self._labels, self._axes, self._signs = _aspects_of(self.design)
         self.set_spaces(goal_bound=math.pi)
 

@@ -50,6 +50,8 @@ class TwoXReach(TwoXRegions, Core):
     input_name = "tensions"
     hidden_info_keys = ("payload",)
     info_meanings: ClassVar[dict[str, tuple[str, str]]] = {"payload": ("kg", "payload at the tip")}
+    task_type: ClassVar[type[Reach]] = Reach
+    default_weights = ReachWeights()
 
     def __init__(
         self,
@@ -86,10 +88,10 @@ class TwoXReach(TwoXRegions, Core):
         else:
             self.set_simulation(TensionControl(), options, Dynamics())
         self.payload_range = payload_range
-        self.task = Reach(
+        self.task = self.task_type(
             input_scale=float(self.design.max_tension),
             joint_span=2 * self.design.joint_limit,
-            **options.scoring(ReachWeights(), 0.005, self.nominal.reach / TwoX(environment_design()).reach),
+            **options.scoring(self.default_weights, 0.005, self.nominal.reach / TwoX(environment_design()).reach),
         )
         self.sampler = Sampler(self.design, payload_range)
         self.set_spaces()
