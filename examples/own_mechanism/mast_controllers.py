@@ -36,7 +36,7 @@ class PseudoInverse(AnalyticController[tuple[Any, ...]]):
 
     knows = "the nominal design; measures tip and joint angles"
     gain = 0.5
-    damping = 0.02  # [m]
+    damping = 0.05  # [m]
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> tuple[Any, ...]:
         """Nothing is remembered."""
