@@ -1,56 +1,10 @@
-"""Score one controller: a baseline, a trained policy, or a class of your own."""
+"""`tensegrity evaluate`, from a checkout."""
 
 import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 
-from tensegrity_agents.command_options import EnvironmentOptions, with_option_groups
-from tensegrity_agents.config import known_env
-from tensegrity_agents.console import checked_file, clear_errors, console, list_of_baselines, progress_bar, say
-from tensegrity_agents.experiment import evaluate_named
-from tensegrity_agents.reporting.table import print_table, summary_rows
-
-
-@with_option_groups
-def main(
-    options: EnvironmentOptions,
-    env: Annotated[str, typer.Option(help="environment, such as TwoXReach-v0")] = "TwoXReach-v0",
-    controller: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="baseline, or your own class as my_module:MyController; may be repeated. "
-            f"Baselines are: {list_of_baselines()}",
-            show_default="the environment's first baseline",
-        ),
-    ] = None,
-    policy: Annotated[list[Path] | None, typer.Option(help="folder of a trained policy; may be repeated")] = None,
-    episodes: Annotated[int, typer.Option(min=1, help="how many")] = 1000,
-    split: Annotated[str, typer.Option(help="test, or validation for tuning")] = "test",
-    csv: Annotated[Path | None, typer.Option(help="write one row per episode")] = None,
-) -> None:
-    """Evaluate controllers on the same held-out episodes and print the table.
-
-    A controller of your own is any class, called without arguments, that has predict(observation, state, episode_start,
-    deterministic); observations come in batches of shape (n, ...), actions are of shape (n, size) in [-1, 1]. See
-    CONTRIBUTING.md.
-
-    Example:
-    python scripts/evaluate.py --env TwoXPayloadReach-v0 --controller observer --controller my_module:MyController
-    """
-    with clear_errors():
-        env_id = known_env(env)
-        if csv is not None:
-            checked_file(csv, "--csv")
-        given = options.checked(env_id)
-        with progress_bar() as progress:
-            runs = evaluate_named(
-                env_id, controller or [], policy or [], given, episodes, split, progress, csv, remark=say
-            )
-        print_table(summary_rows(runs), console)
-
+from tensegrity_agents.command.evaluate import main
 
 if __name__ == "__main__":
     typer.run(main)

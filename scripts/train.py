@@ -1,38 +1,10 @@
-"""Train agents: one for every seed of a config.
-
-A run that was stopped at any moment goes on when the same command is given again.
-"""
+"""`tensegrity train`, from a checkout."""
 
 import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
 
 import typer
 
-from tensegrity_agents.command_options import EnvironmentOptions, ExperimentOptions, with_option_groups
-from tensegrity_agents.console import GO_ON, clear_errors, progress_bar, say
-from tensegrity_agents.experiment import train_agents
-
-
-@with_option_groups
-def main(chosen: ExperimentOptions, options: EnvironmentOptions) -> None:
-    """Train agents as a config says.
-
-    Writes <out>/agent-<seed>/policy.safetensors and policy.json (load them with
-    tensegrity_agents.sb3.policy_file.load_policy), checkpoint.pt, progress.csv (training episodes), evaluation.csv
-    (the agent without noise on validation episodes) and TensorBoard logs. Interrupt it whenever you like: the same
-    command goes on.
-
-    Example: python scripts/train.py --config configs/two_x_reach.yaml --seeds 0,1,2,3,4
-    """
-    with clear_errors(GO_ON):
-        experiment, folder = chosen.chosen(options)
-        with progress_bar() as progress:
-            agents = train_agents(experiment, folder, progress, chosen.fresh)
-        for seed, agent in agents.items():
-            say(
-                f"seed {seed}: {agent.description['timesteps']:,} steps "
-                f"in {agent.description['training_seconds']:.0f} s -> {folder}/agent-{seed}"
-            )
-
+from tensegrity_agents.command.train import main
 
 if __name__ == "__main__":
     typer.run(main)

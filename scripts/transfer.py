@@ -1,45 +1,10 @@
-"""Quasi-static controllers in dynamics, and the reverse: who keeps his success where he was not made for?"""
+"""`tensegrity transfer`, from a checkout."""
 
 import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 
-from tensegrity_agents.command_options import EnvironmentOptions, with_option_groups
-from tensegrity_agents.config import known_env
-from tensegrity_agents.console import checked_folder, clear_errors, console, progress_bar, say
-from tensegrity_agents.evaluation.transfer import pair_of
-from tensegrity_agents.experiment import transfer_table
-from tensegrity_agents.reporting.transfer_table import print_transfer
-
-
-@with_option_groups
-def main(
-    options: EnvironmentOptions,
-    env: Annotated[str, typer.Option(help="either of the two environments")] = "DualTriangleLoadedReachMuJoCo-v0",
-    results: Annotated[Path, typer.Option(help="folder of the trained agents")] = Path("results"),
-    episodes: Annotated[int, typer.Option(min=1, help="how many test episodes")] = 1000,
-) -> None:
-    """Evaluate the agents and the baselines of a quasi-static environment and of its dynamic twin on both.
-
-    Writes <results>/<dynamic environment>/transfer.md. With options that change the environments, agents are those that
-    train.py and compare.py have trained with the same options.
-
-    Example: python scripts/transfer.py --env TwoXTensionReachMuJoCo-v0
-    """
-    with clear_errors():
-        pair = pair_of(known_env(env))
-        checked_folder(results, "--results")
-        given = options.checked(*pair)
-        with progress_bar() as progress:
-            table, path = transfer_table(pair, results, given, episodes, progress)
-        print_transfer(table, pair, console)
-        say(f"table: {path}")
-        if not any(found.candidate.name == "agent" for found in table):
-            say(f"no trained agents in {results}/: scripts/train.py makes them")
-
+from tensegrity_agents.command.transfer import main
 
 if __name__ == "__main__":
     typer.run(main)

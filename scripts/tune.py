@@ -1,43 +1,10 @@
-"""Tune an analytic controller on validation episodes."""
+"""`tensegrity tune`, from a checkout."""
 
 import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
 
-from typing import Annotated
-
 import typer
 
-from tensegrity_agents.command_options import EnvironmentOptions, with_option_groups
-from tensegrity_agents.config import known_env
-from tensegrity_agents.console import clear_errors, progress_bar, say
-from tensegrity_agents.evaluation.tuning import tune
-
-
-@with_option_groups
-def main(
-    options: EnvironmentOptions,
-    env: Annotated[str, typer.Option(help="environment")] = "TwoXPayloadReachUncertain-v0",
-    controller: Annotated[str, typer.Option(help="baseline whose class says what is to be tuned")] = "servo",
-    episodes: Annotated[int, typer.Option(min=1, help="validation episodes")] = 200,
-) -> None:
-    """Evaluate a controller with every combination of the values that its class has in `tunable`; the best come first.
-
-    Test episodes are not touched.
-
-    Example: python scripts/tune.py --env TwoXPayloadReachUncertain-v0 --controller identifying_observer
-    """
-    with clear_errors():
-        env_id = known_env(env)
-        given = options.checked(env_id)
-        with progress_bar() as progress:
-
-            def report(done: int, total: int, best: float) -> None:
-                progress(f"tuning {controller}", done, total, f"best {best:4.0%}")
-
-            tried = tune(controller, env_id, episodes, given, report)
-        for one in tried[:10]:
-            settings = ", ".join(f"{name} = {value:g}" for name, value in one.settings.items())
-            say(f"{one.success:6.1%}  {settings}")
-
+from tensegrity_agents.command.tune import main
 
 if __name__ == "__main__":
     typer.run(main)

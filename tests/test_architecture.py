@@ -57,6 +57,8 @@ AGENT_LAYERS = [
     "benchmark_memory",
     "console",
     "command_options",
+    "pretrained",
+    "command",
 ]
 # Training, evaluation and reports do not know each other, but for the evaluations in the course of a training, and for
 # the results that reports are of: `experiment` brings them together.

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import typer
 
+from tensegrity_agents.command.program import load
 from tensegrity_agents.command_options import find_experiment
 
 ROOT = Path(__file__).parents[1]
@@ -36,7 +37,7 @@ def commands() -> list[tuple[str, str]]:
             inline = [] if line.startswith("    ") else re.findall(r"`([^`]+)`", line)
             whole = [line.strip()] if line.startswith("    ") else []
             for text in (*inline, *whole):
-                if re.match(r"(\S*python3? )?scripts/\w+\.py\b|make [a-z]|make$", text):
+                if re.match(r"(\S*python3? )?scripts/\w+\.py\b|make [a-z]|make$|tensegrity (?!COMMAND|--)", text):
                     command = text.split("  #")[0].strip()
                     if not re.fullmatch(r"scripts/\w+\.py", command):  # a mere mention
                         found.append((f"{page.name}:{number}", command))
@@ -73,6 +74,9 @@ def test_commands_are_understood(place, command):
             assert name in targets or name == "ENV", place
             if value and value[0].isupper():
                 find_experiment(None, value, ROOT / "configs")
+        return
+    if words[0] == "tensegrity":
+        load(words[1]).make_context(words[1], [word for word in words[2:] if word != "--help"])
         return
     words = words[1:] if words[0].endswith(("python", "python3")) else words
     script = ROOT / words[0]

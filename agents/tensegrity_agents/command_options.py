@@ -7,6 +7,7 @@ import inspect
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -208,13 +209,19 @@ def parse_seeds(text: str) -> list[int]:
     return seeds
 
 
-def find_experiment(config: Path | None, env: str | None, folder: Path = Path("configs")) -> Experiment:
-    """The experiment of a config file, or of the config in `folder` whose environment is `env`.
+def shipped_configs() -> Path:
+    """The folder of the configs that come with the package: in it, or, in a checkout, `configs/`."""
+    inside = Path(str(files("tensegrity_agents"))) / "configs"
+    return inside if inside.is_dir() else Path(__file__).parents[2] / "configs"
+
+
+def find_experiment(config: Path | None, env: str | None, folder: Path | None = None) -> Experiment:
+    """The experiment of a config file, or of the config whose environment is `env`.
 
     Args:
         config: file.
         env: id, with or without "tensegrity/"; TwoXReach-v0 if neither is given.
-        folder: of configs.
+        folder: of configs; by default `configs` in the working directory, and then the shipped ones.
 
     Raises:
         ConfigError: there is none, or the config is for another environment than `env`.
@@ -227,7 +234,8 @@ def find_experiment(config: Path | None, env: str | None, folder: Path = Path("c
     wanted = known_env(env or "TwoXReach-v0")
     found: dict[str, Path] = {}
     unreadable = []
-    for path in sorted(folder.glob("*.yaml")):  # of several, the one whose name comes first
+    folders = [Path("configs"), shipped_configs()] if folder is None else [folder]
+    for path in [path for place in folders for path in sorted(place.glob("*.yaml"))]:  # of several, the first
         try:
             given = str(read_yaml(path, "env: TwoXReach-v0").get("env"))
         except ConfigError as error:
@@ -239,7 +247,8 @@ def find_experiment(config: Path | None, env: str | None, folder: Path = Path("c
         there = ", ".join(found) or "nothing"
         notes = "".join(f"\n  {note}" for note in unreadable)
         raise ConfigError(
-            f"no config for {wanted} in {folder.absolute()}{os.sep}; there are configs for {there}; "
+            f"no config for {wanted} in {' and '.join(f'{place.absolute()}{os.sep}' for place in folders)}; "
+            f"there are configs for {there}; "
             f"--config takes a file from anywhere{notes}"
         )
     return load_experiment(found[wanted])

@@ -1,4 +1,4 @@
-"""Ctrl-C while a script still imports: one line and exit code 130, no traceback. The scripts import this first.
+"""Ctrl-C while a script or the program still imports: one line and exit code 130. They import this first.
 
 An exception would not do: libraries turn a KeyboardInterrupt amid their import into errors of their own.
 """
@@ -25,7 +25,7 @@ def as_usual() -> None:
 _started = getattr(sys.modules["__main__"], "__file__", None)
 if (
     _started is not None
-    and Path(_started).absolute().parent.name == "scripts"
+    and (Path(_started).absolute().parent.name == "scripts" or Path(_started).stem == "tensegrity")
     and parent_process() is None
     and signal.getsignal(signal.SIGINT) is signal.default_int_handler
 ):

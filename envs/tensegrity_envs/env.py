@@ -268,6 +268,11 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         self._viewer.show(self.scene(), self.metadata["render_fps"])
         return None
 
+    @property
+    def window_is_open(self) -> bool:
+        """Whether render_mode "human" shows a window at this moment."""
+        return self._viewer is not None and self._viewer.is_open
+
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._viewer is not None:

@@ -136,7 +136,6 @@ EXPERIMENTS = [  # of train.py and compare.py alike
     ("--config net.yaml", "net_arch"),
     ("--config her.yaml", "at least one episode"),
     ("--config good.yaml --env DualTriangleReach-v0", "give one of them"),
-    ("--env DualTriangleReach-v0", "configs for tensegrity/TwoXReach-v0"),
     ("--env TwoXRech-v0", "did you mean tensegrity/TwoXReach-v0"),
     ("--env [/bold]", "no environment '[/bold]'"),
 ]

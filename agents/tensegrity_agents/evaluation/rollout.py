@@ -40,10 +40,21 @@ def begin_episodes(controller: Controller, envs: Any, count: int) -> None:
         envs: unwrapped vector environment.
         count: number of its environments.
     """
+    announce(controller, envs.design, envs.episode, count)
+
+
+def announce(controller: Controller, design: Any, episodes: Any, count: int = 1) -> None:
+    """The same for environments of any kind.
+
+    Args:
+        controller: likewise.
+        design: the nominal one.
+        episodes: the running ones, for controllers that want what is privileged.
+        count: how many.
+    """
     begin = getattr(controller, "begin_episodes", None)
     if begin is not None:
-        truth = envs.episode if getattr(controller, "wants_privileged", False) else None
-        begin(np.ones(count, bool), envs.design, truth)
+        begin(np.ones(count, bool), design, episodes if getattr(controller, "wants_privileged", False) else None)
 
 
 def evaluate(

@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from tensegrity_agents.controllers.base import Controller
+from tensegrity_agents.evaluation.rollout import announce
 from tensegrity_envs.rendering import draw
 
 _PANEL = 300  # width and height of one controller's picture [pixels]
@@ -92,10 +93,7 @@ class _Player:
         self.film: list[Image.Image] = []  # the panel at every step
         self.settled_since = 0
         self.on_target = bool(info["is_success"])
-        begin = getattr(controller, "begin_episodes", None)
-        if begin is not None:
-            wanted = getattr(controller, "wants_privileged", False)
-            begin(np.ones(1, bool), env.design, env.episodes if wanted else None)
+        announce(controller, env.design, env.episodes)
         self._render()
 
     @property

@@ -33,6 +33,11 @@ class Viewer:
             raise RuntimeError(f"cannot open a window ({error}): {advice}") from error
         self._size, self._clock = size, pygame.time.Clock()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the window is there; the user may have closed it."""
+        return self._window is not None
+
     def show(self, scene: Scene, fps: float = 30.0) -> bool:
         """Show a scene, waiting as long as it takes not to exceed `fps` pictures per second.
 
