@@ -21,6 +21,7 @@ from tensegrity_agents.config import ConfigError
 from tensegrity_agents.controllers import BASELINES, DYNAMIC
 from tensegrity_agents.interrupt import as_usual
 from tensegrity_agents.sb3.training import TrainingError, TrainingInterruptedError
+from tensegrity_envs.rendering import DisplayError
 
 console = Console()
 if not console.is_terminal:  # a file or a pipe has room for the whole table
@@ -73,7 +74,8 @@ def clear_errors(after_interrupt: str = AGAIN) -> Iterator[None]:
     as_usual()
     try:
         yield
-    except (TrainingError, ValueError) as error:  # config and policy errors are ValueErrors
+    # Config and policy errors are ValueErrors; an ImportError says which extra is missing.
+    except (TrainingError, ValueError, ImportError, DisplayError) as error:
         _fail(str(error))
         raise typer.Exit(2) from error
     except OSError as error:

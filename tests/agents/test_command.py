@@ -79,12 +79,28 @@ def test_watch_films_the_shipped_policy(tmp_path):
     assert "seed 3: on target" in text
 
 
-def test_play_needs_a_display(monkeypatch):
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
-        monkeypatch.delenv(name, raising=False)
-    code, text = run("play", "TwoXReach-v0")
+@pytest.mark.parametrize("name", ["play", "watch"])
+def test_a_window_needs_a_display(name, monkeypatch):
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(variable, raising=False)
+    code, text = run(name, "TwoXReach-v0")
     assert code == 2
     assert "no display" in text
+    assert name == "play" or "--record film.gif" in text
+
+
+def test_what_needs_mujoco_says_so_where_it_is_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    for module in [name for name in sys.modules if name.startswith("tensegrity_envs.simulation.mujoco")]:
+        if module != "tensegrity_envs.simulation.mujoco.dynamics":
+            monkeypatch.delitem(sys.modules, module)
+    for arguments in (["list"], ["list", "--json"]):
+        code, text = run(*arguments)
+        assert code == 0
+        assert "tensegrity-envs[mujoco]" in text
+    code, text = run("watch", "TwoXTensionReachMuJoCo-v0", "--record", "film.gif")
+    assert code == 2
+    assert "tensegrity-envs[mujoco]" in text
 
 
 def test_keys_become_actions():

@@ -44,8 +44,6 @@ def main(
         made = gym.make(env_id, render_mode="human", max_episode_steps=-1, **given)
         try:
             drive(made, seed, speed)
-        except RuntimeError as error:  # no display
-            raise ValueError(str(error)) from error
         finally:
             made.close()
 

@@ -15,6 +15,7 @@ from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.evaluation.rollout import announce
 from tensegrity_agents.pretrained import load_pretrained, pretrained_ids
 from tensegrity_envs import termination_reason
+from tensegrity_envs.rendering import DisplayError
 
 _FILMS = (".gif", ".mp4")
 
@@ -67,7 +68,10 @@ def main(
         given = options.checked(env_id)
         name, player = chosen(env_id, controller, policy, given)
         say(f"{env_id}: {name}, {episodes} episode(s)")
-        frames = show(env_id, player, given, episodes, seed, record is None)
+        try:
+            frames = show(env_id, player, given, episodes, seed, record is None)
+        except DisplayError as error:
+            raise DisplayError(f"{error}; --record film.gif writes a film instead") from error
         if record is not None:
             write_film(frames, record)
             say(f"film: {record}")

@@ -7,6 +7,10 @@ from tensegrity_envs.rendering.picture import paint
 from tensegrity_envs.rendering.scene import Scene
 
 
+class DisplayError(RuntimeError):
+    """There is no display to open a window on."""
+
+
 class Viewer:
     """A window that shows scenes."""
 
@@ -14,12 +18,12 @@ class Viewer:
         """Open the window.
 
         Raises:
-            RuntimeError: there is no display.
+            DisplayError: there is no display.
         """
         advice = 'set DISPLAY to a running display server, or use render_mode="rgb_array", which needs none'
         drivers = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
         if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in drivers):
-            raise RuntimeError(f"no display to open a window on: {advice}")
+            raise DisplayError(f"no display to open a window on: {advice}")
         import pygame
 
         try:
@@ -27,10 +31,10 @@ class Viewer:
             # SDL falls back to invisible windows where it cannot reach the display server; some tests ask for them.
             if pygame.display.get_driver() in {"offscreen", "dummy"} and not os.environ.get("SDL_VIDEODRIVER"):
                 pygame.display.quit()
-                raise RuntimeError(f"the display server does not answer: {advice}")
+                raise DisplayError(f"the display server does not answer: {advice}")
             self._window: pygame.Window | None = pygame.Window(title, size)
         except pygame.error as error:
-            raise RuntimeError(f"cannot open a window ({error}): {advice}") from error
+            raise DisplayError(f"cannot open a window ({error}): {advice}") from error
         self._size, self._clock = size, pygame.time.Clock()
 
     @property
