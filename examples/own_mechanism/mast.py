@@ -127,7 +127,7 @@ class Mast:
         s1, c1, s12, c12 = xp.sin(q[0]), xp.cos(q[0]), xp.sin(q[0] + q[1]), xp.cos(q[0] + q[1])
         return (l * (c1 + c12), l * c12), (-l * (s1 + s12), -l * s12)
 
-    def singularity(self, q: Components) -> Component:
+    def jacobian_determinant(self, q: Components) -> Component:
         """The determinant of the Jacobian [m^2/rad^2]: zero where the mast is straight."""
         return -(self.design.l**2) * namespace_of(*q).sin(q[1])
 

@@ -75,12 +75,12 @@ def test_every_episode_can_be_solved(env_id, payload):
     assert lengths.max() <= 1.2
     assert np.abs(np.diff(lengths, axis=1)).max() <= RATE
     assert points[2].min() >= 0.2
-    start = np.stack(PRISM.inverse_kinematics(tuple(p[0] for p in points)))
+    start = np.stack(PRISM.unloaded_lengths(tuple(p[0] for p in points)))
     # the payload is taken up within the same rates, whenever it comes
     if payload == (0.0, 0.5):
-        unloaded = np.stack(PRISM.inverse_kinematics(tuple(flat))).reshape(lengths.shape)
+        unloaded = np.stack(PRISM.unloaded_lengths(tuple(flat))).reshape(lengths.shape)
         assert np.abs(lengths[:, 1:] - unloaded[:, :-1]).max() <= RATE
-    np.testing.assert_allclose(start, PRISM.inverse_kinematics(tuple(p[0] for p in points)))
+    np.testing.assert_allclose(start, PRISM.unloaded_lengths(tuple(p[0] for p in points)))
 
 
 def test_published_trajectories_are_followed_at_the_published_shape():
@@ -97,7 +97,7 @@ def test_published_trajectories_are_followed_at_the_published_shape():
 def test_rates_along_the_published_trajectories(name, rate, loaded, taken_up):
     """Largest length steps [mm] at 200 steps a cycle: unloaded, with 0.5 kg, and in the step that takes it up."""
     r = TRAJECTORIES[name](np.arange(CYCLE + 1) / CYCLE)
-    plain = np.stack(PRISM.inverse_kinematics(r))
+    plain = np.stack(PRISM.unloaded_lengths(r))
     heavy = np.stack(PRISM.loaded_inverse_kinematics(r, (0.0, 0.0, -0.5 * 9.81)).lengths)
     steps = [np.diff(plain), np.diff(heavy), heavy[:, 1:] - plain[:, :-1]]
     np.testing.assert_allclose([1e3 * np.abs(step).max() for step in steps], [rate, loaded, taken_up], atol=0.006)
@@ -122,7 +122,7 @@ def follow(env, disturbed=()):
     successes = []
     for step in range(2 * CYCLE):
         goal = env.unwrapped.episode.goal_at(step + 1.0)
-        lengths = np.array(PRISM.inverse_kinematics(goal)) + (0.004 if step + 1 in disturbed else 0.0)
+        lengths = np.array(PRISM.unloaded_lengths(goal)) + (0.004 if step + 1 in disturbed else 0.0)
         _, _, terminated, truncated, info = env.step(np.clip((lengths - info["lengths"]) / RATE, -1, 1))
         assert not terminated
         successes.append(info["is_success"])

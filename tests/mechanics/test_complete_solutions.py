@@ -76,11 +76,11 @@ def singular(arm, limit, count, rng):
     grid = np.linspace(-limit, limit, 400)
     while len(found) < count:
         a1 = rng.uniform(-limit, limit)
-        values = arm.singularity((np.full(400, a1), grid))
+        values = arm.jacobian_determinant((np.full(400, a1), grid))
         change = np.flatnonzero(values[1:] * values[:-1] < 0)
         if len(change):
             i = rng.choice(change)
-            a2 = brentq(lambda a2, a1=a1: arm.singularity((a1, a2)), grid[i], grid[i + 1], xtol=1e-15)
+            a2 = brentq(lambda a2, a1=a1: arm.jacobian_determinant((a1, a2)), grid[i], grid[i + 1], xtol=1e-15)
             if math.hypot(*arm.tip((a1, a2))) > 1e-6:  # the base of a plain arm is singular in another way
                 found.append((a1, a2))
     return found
@@ -179,7 +179,7 @@ def test_errors_of_areas_know_of_slivers():
             width = interval.high - interval.low
             q2 = interval.low + width * (np.arange(32) + 0.5) / 32
             area += width * 2 * limit / lines
-            mapped += np.abs(arm.singularity((np.full(32, value), q2))).mean() * width * 2 * limit / lines
+            mapped += np.abs(arm.jacobian_determinant((np.full(32, value), q2))).mean() * width * 2 * limit / lines
     traced = joint_space.trace()
     assert abs(traced.area - area) < 2 * traced.area_error + 0.01 * area
     assert abs(sum(sheet.area for sheet in workspace.sheets) - mapped) < 2 * workspace.area_error + 0.01 * mapped

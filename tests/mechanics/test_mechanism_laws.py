@@ -110,7 +110,7 @@ def test_jacobian_and_its_determinant(case):
     table = np.moveaxis(by_tip, 2, 0)
     sizes = np.linalg.svd(table, compute_uv=False).prod(axis=1)
     expected = np.linalg.det(table) if len(q) == 2 else sizes
-    np.testing.assert_allclose(m.singularity(q), expected, rtol=1e-7, atol=1e-9 * m.reach**2)
+    np.testing.assert_allclose(m.jacobian_determinant(q), expected, rtol=1e-7, atol=1e-9 * m.reach**2)
 
 
 @every_mechanism
@@ -124,7 +124,7 @@ def test_stiffness_is_symmetric_and_one_evaluation_gives_what_two_give(case):
 
 def quantities(m, q, tensions, load):
     """Every quantity of a mechanism as a flat list of components."""
-    values = [*m.tip(q), *(entry for row in m.jacobian(q) for entry in row), m.singularity(q)]
+    values = [*m.tip(q), *(entry for row in m.jacobian(q) for entry in row), m.jacobian_determinant(q)]
     values += [coordinate for node in m.nodes(q).values() for coordinate in node]
     values += [m.potential_energy(q, tensions, load), *m.energy_gradient(q, tensions, load)]
     values += [entry for row in m.stiffness_matrix(q, tensions, load) for entry in row]

@@ -25,7 +25,7 @@ def shared_quantities(m, q, tensions, load):
         "scale": m.stiffness_scale,
         "tip": m.tip(q),
         "jacobian": m.jacobian(q),
-        "singularity": m.singularity(q),
+        "singularity": m.jacobian_determinant(q),
         "nodes": [nodes[name] for name in sorted(nodes)],
         "lengths": m.cable_lengths(q),
         "energy": m.potential_energy(q, tensions, load),

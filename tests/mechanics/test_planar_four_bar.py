@@ -301,7 +301,7 @@ def test_inverse_kinematics_against_a_scan_of_alpha():
 
 def test_jacobians_by_differences():
     lengths, side = draw_rectangles(ARM, 9, 300, rim=0.05)
-    jacobian = np.array(ARM.jacobian(lengths, side))
+    jacobian = np.array(ARM.rectangle_jacobian(lengths, side))
     h = 1e-3
     for i in range(2):
 
@@ -312,9 +312,9 @@ def test_jacobians_by_differences():
         column = (45 * (at(1) - at(-1)) - 9 * (at(2) - at(-2)) + (at(3) - at(-3))) / (60 * h)
         np.testing.assert_allclose(jacobian[:, i], column, rtol=1e-7, atol=1e-7)
     q = ARM.forward_kinematics(lengths, side).configuration
-    np.testing.assert_allclose(ARM.tip_jacobian(q, lengths), jacobian, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(ARM.jacobian(q, lengths), jacobian, rtol=1e-9, atol=1e-11)
     det = np.linalg.det(np.moveaxis(jacobian, -1, 0))
-    np.testing.assert_allclose(ARM.singularity(lengths, side), det, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(ARM.rectangle_determinant(lengths, side), det, rtol=1e-9, atol=1e-12)
     # [Ji2014, Eq. 40] with the corrected Phi
     _, phi2, phi3 = ARM.phi(q, lengths)
     beta = ARM.base_angles(lengths)[1]
@@ -339,7 +339,7 @@ def test_loaded_jacobian_thrusts_and_compliance_by_differences():
                     found.configuration, rho, force
                 )
 
-            h, jacobian = 1e-4, np.array(ARM.tip_jacobian(state.configuration, lengths, load))
+            h, jacobian = 1e-4, np.array(ARM.jacobian(state.configuration, lengths, load))
             thrusts = ARM.thrusts(state.configuration, lengths, load)
             compliance = np.array(ARM.compliance(state.configuration, lengths, load))
             for i in range(2):
@@ -445,14 +445,14 @@ def test_singular_configurations_are_recognized():
 
 def test_determinant_vanishes_where_vii_says_and_grows_at_the_pitchfork():
     lengths, side = draw_rectangles(ARM, 16, 5000)
-    det = ARM.singularity(lengths, side)
+    det = ARM.rectangle_determinant(lengths, side)
     measures = {s.name: s.measure(ARM, lengths, side) for s in SINGULARITIES}
     product = measures["vii: B, C, F aligned"] * measures["vii: A, D, M aligned"]
     shared = np.sign(det * product * side)  # zeros and, but for the mirror image, signs
     assert (shared == shared[0]).all()
 
     def near(d):
-        return abs(ARM.singularity((0.6 * (20 - d), 0.8 * (20 - d)), 1))
+        return abs(ARM.rectangle_determinant((0.6 * (20 - d), 0.8 * (20 - d)), 1))
 
     assert near(1e-6) / near(4e-6) == pytest.approx(2.0, rel=1e-2)
 
@@ -521,7 +521,7 @@ def test_components_may_be_floats_arrays_or_tensors():
         values += [*arm.member_forces(q, lengths, load).values(), arm.energy_barrier(lengths)]
         state = arm.rectangle(rectangles, side)
         values += [*state[0], *state[1], *arm.phi(q, lengths), *arm.flat(lengths)[0]]
-        values += [v for row in arm.tip_jacobian(q, lengths, load) for v in row]
+        values += [v for row in arm.jacobian(q, lengths, load) for v in row]
         return values + [v for row in arm.compliance(q, lengths, load) for v in row]
 
     arrays = quantities(ARM, q, lengths, load, rectangles, side)
@@ -562,7 +562,7 @@ def test_bad_input_is_named():
         with pytest.raises(ValueError, match="C and D coincide"):
             action()
     with pytest.raises(ValueError, match="no rectangle"):
-        ARM.jacobian((18.0, 19.0), 1)
+        ARM.rectangle_jacobian((18.0, 19.0), 1)
     with pytest.raises(ValueError, match="nor on any other"):
         choose_stable(ARM, 100.0, 0.0, 1)
     with pytest.raises(ValueError, match="there are stable ones on side 1"):

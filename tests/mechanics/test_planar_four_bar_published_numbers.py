@@ -147,12 +147,12 @@ def _(inputs):
 @computes("fb-J-")
 def _(inputs):
     state, lengths = rest(inputs)
-    return np.ravel(ARM.tip_jacobian(state.configuration, lengths))
+    return np.ravel(ARM.jacobian(state.configuration, lengths))
 
 
 @computes("fb-detJ")
 def _(inputs):
-    return ARM.singularity(lengths_of(inputs), inputs["side"])
+    return ARM.rectangle_determinant(lengths_of(inputs), inputs["side"])
 
 
 @computes("fb-phi")
@@ -164,7 +164,7 @@ def _(inputs):
 @computes("fb-double-sing")
 def _(inputs):
     state, lengths = rest(inputs)
-    return [*state.tip, ARM.singularity(lengths, inputs["side"])]
+    return [*state.tip, ARM.rectangle_determinant(lengths, inputs["side"])]
 
 
 @computes("fb-v-nodes")

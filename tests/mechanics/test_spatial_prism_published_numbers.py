@@ -64,7 +64,7 @@ def _(prism, inputs):
 
 @computes("sp-ik")
 def _(prism, inputs):
-    return prism.inverse_kinematics(inputs["r"])
+    return prism.unloaded_lengths(inputs["r"])
 
 
 @computes("sp-fk")
@@ -87,7 +87,7 @@ def _(prism, inputs):
 
 @computes("sp-det")
 def _(prism, inputs):
-    return prism.singularity(inputs["r"])
+    return prism.strut_determinant(inputs["r"])
 
 
 @computes("sp-hess", "sp-twist-pi")
@@ -115,7 +115,7 @@ def _(prism, inputs):
 @computes("sp-twist")
 def _(prism, inputs):
     """Rest, as a yaw of the axes with that offset: theirs is ours minus (off - pi / 6)."""
-    rest = prism.loaded_equilibrium(prism.inverse_kinematics((0.1, 0.0, 0.5)), (0.0, 0.0, 0.0))
+    rest = prism.loaded_equilibrium(prism.unloaded_lengths((0.1, 0.0, 0.5)), (0.0, 0.0, 0.0))
     assert rest.is_stable
     return rest.configuration[5] - (inputs["off"] - math.pi / 6)
 
@@ -168,13 +168,13 @@ def _(prism, inputs):
 
 @computes("sp-load-1d")
 def _(prism, inputs):
-    lengths = prism.inverse_kinematics(inputs["r0"])
+    lengths = prism.unloaded_lengths(inputs["r0"])
     return prism.loaded_equilibrium(lengths, inputs["F"]).configuration[5]
 
 
 @computes("sp-unload-up")
 def _(prism, inputs):
-    lengths = prism.inverse_kinematics(inputs["r0"])
+    lengths = prism.unloaded_lengths(inputs["r0"])
     limit = prism.unloading_limit(lengths, (0.0, 0.0, 1.0))
     assert limit.event == 1
     there = prism.loaded_equilibrium(lengths, (0.0, 0.0, limit.force * (1 - 1e-12)))

@@ -66,7 +66,7 @@ def test_structure_and_energy_are_those_of_the_nodes(design):
             index = int(member.name[-1]) - 1
             if member.kind == "actuator":
                 assert length == pytest.approx(struts(design, q)[index])
-        assert prism.potential_energy(tuple(q), tuple(force)) == pytest.approx(stored - force @ q[:3], rel=1e-12)
+        assert prism.potential_energy(tuple(q), None, tuple(force)) == pytest.approx(stored - force @ q[:3], rel=1e-12)
         np.testing.assert_allclose(prism.strut_lengths(tuple(q)), struts(design, q), rtol=1e-13)
 
 
@@ -89,7 +89,7 @@ def test_closed_forms_against_energy_minimization_on_random_inputs(design):
     rng = np.random.default_rng(1)
     r = np.stack(positions(rng, 200), axis=1)
     prism = SpatialPrism(design)
-    lengths = np.stack(prism.inverse_kinematics(tuple(r.T)), axis=1)
+    lengths = np.stack(prism.unloaded_lengths(tuple(r.T)), axis=1)
     w, h, eye = rng.uniform(-0.3, 0.3, r.shape), 1e-4, np.eye(3)
 
     def value(shift):
@@ -116,10 +116,10 @@ def test_closed_forms_against_energy_minimization_on_random_inputs(design):
 def test_round_trips_on_both_sheets():
     rng = np.random.default_rng(2)
     r = positions(rng, 10_000)
-    lengths = PRISM.inverse_kinematics(r)
+    lengths = PRISM.unloaded_lengths(r)
     back = PRISM.forward_kinematics(lengths, np.sign(r[2]).astype(int))
     np.testing.assert_allclose(back, r, atol=1e-13)
-    np.testing.assert_allclose(PRISM.inverse_kinematics(back), lengths, atol=1e-14)
+    np.testing.assert_allclose(PRISM.unloaded_lengths(back), lengths, atol=1e-14)
     for i in range(0, 10_000, 100):
         both = PRISM.forward_solutions([l[i] for l in lengths])
         assert len(both) == 2
@@ -147,7 +147,7 @@ def test_loaded_equilibria_against_a_constrained_minimizer():
     compared = 0
     for _ in range(30):
         r, force = [float(v[0]) for v in positions(rng, 1)], rng.normal(0, 15, 3)
-        lengths = PRISM.inverse_kinematics(r)
+        lengths = PRISM.unloaded_lengths(r)
         found = PRISM.loaded_equilibrium(lengths, tuple(force), int(np.sign(r[2])))
         if not found.is_stable:
             continue
@@ -196,17 +196,17 @@ def test_jacobian_and_its_determinant_by_differences():
     table = np.empty((40, 3, 3))
     for j in range(3):
         up, down = ([c + s * h * (i == j) for i, c in enumerate(r)] for s in (1, -1))
-        difference = np.subtract(PRISM.inverse_kinematics(up), PRISM.inverse_kinematics(down)) / (2 * h)
+        difference = np.subtract(PRISM.unloaded_lengths(up), PRISM.unloaded_lengths(down)) / (2 * h)
         table[:, :, j] = difference.T
-    np.testing.assert_allclose(np.moveaxis(np.array(PRISM.jacobian(r)), -1, 0), table, atol=1e-8)
-    np.testing.assert_allclose(PRISM.singularity(r), np.linalg.det(table), atol=1e-7)
+    np.testing.assert_allclose(np.moveaxis(np.array(PRISM.strut_jacobian(r)), -1, 0), table, atol=1e-8)
+    np.testing.assert_allclose(PRISM.strut_determinant(r), np.linalg.det(table), atol=1e-7)
 
 
 def test_compliance_is_the_derivative_of_loaded_equilibria():
     rng = np.random.default_rng(7)
     for _ in range(20):
         r, force = [float(v[0]) for v in positions(rng, 1)], rng.normal(0, 6, 3)
-        lengths, sheet = PRISM.inverse_kinematics(r), int(np.sign(r[2]))
+        lengths, sheet = PRISM.unloaded_lengths(r), int(np.sign(r[2]))
         here = PRISM.loaded_equilibrium(lengths, tuple(force), sheet)
         columns = []
         for axis in np.eye(3):
@@ -222,7 +222,7 @@ def test_reduced_hessian_is_that_of_the_energy_over_rotations():
     rng = np.random.default_rng(8)
     for _ in range(8):
         r, force = [float(v[0]) for v in positions(rng, 1)], rng.normal(0, 6, 3)
-        lengths = PRISM.inverse_kinematics(r)
+        lengths = PRISM.unloaded_lengths(r)
         here = np.array(PRISM.loaded_equilibrium(lengths, tuple(force), int(np.sign(r[2]))).configuration)
 
         def reduced(turn, here=here, lengths=lengths, force=force):
@@ -240,9 +240,9 @@ def test_reduced_hessian_is_that_of_the_energy_over_rotations():
             for j in range(3):
                 corners = [(a, b, reduced(h * (a * eye[i] + b * eye[j]))) for a in (1, -1) for b in (1, -1)]
                 hessian[i, j] = sum(a * b * v for a, b, v in corners) / (4 * h * h)
-        np.testing.assert_allclose(PRISM.stiffness_matrix(tuple(here), tuple(force)), hessian, atol=2e-4)
+        np.testing.assert_allclose(PRISM.stiffness_matrix(tuple(here), None, tuple(force)), hessian, atol=2e-4)
         smallest = np.linalg.eigvalsh(hessian)[0] / PRISM.rotational_stiffness
-        assert PRISM.stability_margin(tuple(here), tuple(force)) == pytest.approx(smallest, abs=1e-5)
+        assert PRISM.stability_margin(tuple(here), None, tuple(force)) == pytest.approx(smallest, abs=1e-5)
 
 
 def test_rest_is_as_stiff_everywhere():
@@ -288,10 +288,10 @@ def test_struts_keep_clear_of_each_other_within_the_stroke():
 
 
 def test_unloading_limits():
-    lengths = PRISM.inverse_kinematics((0.0, 0.0, 0.4))
+    lengths = PRISM.unloaded_lengths((0.0, 0.0, 0.4))
     down = PRISM.unloading_limit(lengths, (0.0, 0.0, -1.0))
     assert down == (400.0, 0)
-    buckling = PRISM.unloading_limit(PRISM.inverse_kinematics((0.2, 0.1, 0.4)), (0.0, 0.0, -1.0))
+    buckling = PRISM.unloading_limit(PRISM.unloaded_lengths((0.2, 0.1, 0.4)), (0.0, 0.0, -1.0))
     assert buckling.force == pytest.approx(270, abs=1)
     assert buckling.event == 3
     angle = np.arange(12) * np.pi / 6
@@ -308,7 +308,7 @@ def test_unloading_limits():
 
 def test_errors_say_what_would_work():
     with pytest.raises(ValueError, match="z = 0"):
-        PRISM.inverse_kinematics((0.1, 0.1, 0.0))
+        PRISM.unloaded_lengths((0.1, 0.1, 0.0))
     with pytest.raises(ValueError, match="z = 0"):
         PRISM.loaded_inverse_kinematics((0.1, 0.1, 0.0), (0.0, 0.0, -1.0))
     with pytest.raises(ValueError, match=r"\(0.7, 0.7, 0.6\).*lengthen"):
@@ -338,11 +338,15 @@ def test_floats_arrays_and_tensors_agree():
     load = tuple(rng.normal(0, 5, (3, 5)))
 
     def quantities(q, load):
-        values = [*PRISM.inverse_kinematics(q[:3]), *PRISM.strut_lengths(q), *PRISM.spring_lengths(q)]
-        values += [*PRISM.forward_kinematics(PRISM.inverse_kinematics(q[:3])), PRISM.singularity(q[:3])]
+        values = [*PRISM.unloaded_lengths(q[:3]), *PRISM.strut_lengths(q), *PRISM.spring_lengths(q)]
+        values += [*PRISM.forward_kinematics(PRISM.unloaded_lengths(q[:3])), PRISM.strut_determinant(q[:3])]
         values += [*PRISM.actuator_forces(q, load), *PRISM.cable_tensions(q, load), *PRISM.moment_residual(q, load)]
-        values += [PRISM.potential_energy(q, load), PRISM.stability_margin(q, load), PRISM.wrench_margin(q, load)]
-        return values + [entry for row in PRISM.stiffness_matrix(q, load) for entry in row]
+        values += [
+            PRISM.potential_energy(q, None, load),
+            PRISM.stability_margin(q, None, load),
+            PRISM.wrench_margin(q, None, load),
+        ]
+        return values + [entry for row in PRISM.stiffness_matrix(q, None, load) for entry in row]
 
     arrays = quantities(q, load)
     tensors = quantities(*(tuple(torch.tensor(v) for v in part) for part in (q, load)))

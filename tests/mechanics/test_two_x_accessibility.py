@@ -70,7 +70,7 @@ def test_cusps_are_triple_roots_of_the_quartic(b):
             assert gaps.min() < 1e-9
     for cusp in found(b).cusps:
         m = found(b).mechanism
-        assert m.singularity(cusp.configuration) == pytest.approx(0, abs=1e-12)
+        assert m.jacobian_determinant(cusp.configuration) == pytest.approx(0, abs=1e-12)
         assert m.tip(cusp.configuration) == pytest.approx(cusp.tip, abs=1e-12)
 
 
@@ -97,7 +97,7 @@ def test_nodes_are_pairs_of_double_roots(b):
         np.testing.assert_allclose(a[3:] / a[0], [2 * p * q, q * q], rtol=0, atol=1e-8)
         for configuration in node.configurations:
             assert found(b).mechanism.tip(configuration) == pytest.approx(node.tip, abs=1e-10)
-            assert found(b).mechanism.singularity(configuration) == pytest.approx(0, abs=1e-11)
+            assert found(b).mechanism.jacobian_determinant(configuration) == pytest.approx(0, abs=1e-11)
     published = {2 / 3: 1.636385610741419, 0.9: 1.4832659665002217, 0.5: 1.7511984743965474}
     if b in published:
         assert max(n.tip[1] for n in nodes) == pytest.approx(published[b], abs=1e-9)
@@ -217,7 +217,7 @@ def test_singular_factor_is_smooth_where_det_j_has_a_line_of_zeros():
     on_line = np.asarray(f((a1, 2 * math.pi - a1)))
     for h in (1e-3, 1e-5, 1e-9):
         assert np.abs(np.asarray(f((a1, 2 * math.pi - a1 + h))) - on_line).max() < 2 * h + 1e-9
-    assert np.abs(m.singularity((a1, 2 * math.pi - a1))).max() < 1e-15
+    assert np.abs(m.jacobian_determinant((a1, 2 * math.pi - a1))).max() < 1e-15
 
 
 def test_summary_and_export():
@@ -245,7 +245,7 @@ def test_two_aspects_on_the_torus(b):
     assert sum(sets.areas) == pytest.approx(FULL_TURN**2, rel=0.03)
     m = TwoX(FURET2018(b))
     q = np.meshgrid(*sets.axes, indexing="ij")
-    signs = np.sign(m.singularity(tuple(q)))
+    signs = np.sign(m.jacobian_determinant(tuple(q)))
     for label, sign in enumerate(sets.signs):
         assert (signs[sets.labels == label] == sign).all()
 
@@ -265,9 +265,9 @@ def check(m, path, start, goal, torus=True):
     assert np.abs(np.diff(q, axis=0)).max() <= 0.05 + 1e-12
     t = np.linspace(0, 1, 21)[:, None, None]
     dense = (q[:-1] + t * np.diff(q, axis=0)).reshape(-1, 2)
-    values = m.singularity((dense[:, 0], dense[:, 1]))
-    assert (np.sign(values) == np.sign(m.singularity(start))).all()
-    ends = min(abs(m.singularity(start)), abs(m.singularity(goal)))
+    values = m.jacobian_determinant((dense[:, 0], dense[:, 1]))
+    assert (np.sign(values) == np.sign(m.jacobian_determinant(start))).all()
+    ends = min(abs(m.jacobian_determinant(start)), abs(m.jacobian_determinant(goal)))
     assert path.clearance > min(0.3 * ends, 1e-3)
     np.testing.assert_allclose(path.tips, np.stack(m.tip((q[:, 0], q[:, 1])), axis=1), rtol=0, atol=1e-12)
 
@@ -292,7 +292,9 @@ def test_posture_changes_run_around_a_cusp(b):
             turns = path.encircled([cusp.tip for cusp in arm.cusps])
             assert any(turns), turns
             line = np.linspace(start, goal, 500)
-            straight_fails += (np.sign(m.singularity((line[:, 0], line[:, 1]))) != np.sign(m.singularity(start))).any()
+            straight_fails += (
+                np.sign(m.jacobian_determinant((line[:, 0], line[:, 1]))) != np.sign(m.jacobian_determinant(start))
+            ).any()
         done += 1
     assert straight_fails > 0
 
@@ -336,13 +338,13 @@ def test_generic_curves_on_another_map():
         def jacobian(self, q):
             return (1 + 0 * q[0], 0 * q[0]), (-q[1], 3 * q[1] ** 2 - q[0])
 
-        def singularity(self, q):
+        def jacobian_determinant(self, q):
             return 3 * q[1] ** 2 - q[0]
 
     m = Whitney()
-    curves = generic.zero_curves(m.singularity, ((-1.0, -1.1), (1.2, 1.0)), m.tip)
+    curves = generic.zero_curves(m.jacobian_determinant, ((-1.0, -1.1), (1.2, 1.0)), m.tip)
     (cusp,) = generic.cusps(m, curves)
     assert (*cusp.tip, *cusp.configuration) == pytest.approx((0, 0, 0, 0), abs=1e-9)
     assert generic.nodes(m, curves) == []
     for curve in curves:
-        assert np.abs(m.singularity((curve[:, 0], curve[:, 1]))).max() < 1e-10
+        assert np.abs(m.jacobian_determinant((curve[:, 0], curve[:, 1]))).max() < 1e-10

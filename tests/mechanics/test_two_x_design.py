@@ -123,7 +123,7 @@ def usable(design):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         tip = m.tip(q)
-        numbers = [*tip, m.singularity(q), m.potential_energy(q, tensions), *m.energy_gradient(q, tensions)]
+        numbers = [*tip, m.jacobian_determinant(q), m.potential_energy(q, tensions), *m.energy_gradient(q, tensions)]
         numbers += [*m.stiffest_tensions(q), m.stability_margin(q), m.wrench_margin(q), *m.cable_lengths(q)]
         numbers += [m.stability_margin(q, tensions), m.wrench_margin(q, tensions)]
         assert all(math.isfinite(number) for number in numbers)

@@ -75,7 +75,7 @@ def test_inverse_solutions_are_all_that_exist(design, count):
             px, py = m.tip(solution.configuration)
             assert math.hypot(px - x[i], py - y[i]) <= 1e-9 * m.reach
             assert solution.residual == pytest.approx(math.hypot(px - x[i], py - y[i]), abs=1e-15 * m.reach)
-            assert solution.singularity == pytest.approx(m.singularity(solution.configuration))
+            assert solution.singularity == pytest.approx(m.jacobian_determinant(solution.configuration))
             assert solution.state == "".join("U" if abs(angle) < math.pi else "D" for angle in solution.configuration)
             assert solution.stability_margin == m.stability_margin(solution.configuration)
             assert solution.wrench_margin == m.wrench_margin(solution.configuration)
@@ -107,7 +107,7 @@ def test_every_configuration_is_among_the_solutions_of_its_tip(design):
     m = TwoX(design)
     rng = np.random.default_rng(3)
     q = rng.uniform(-design.joint_limit, design.joint_limit, (2, 3000))
-    regular = abs(m.singularity(tuple(q))) > 1e-6 * m.reach**2
+    regular = abs(m.jacobian_determinant(tuple(q))) > 1e-6 * m.reach**2
     assert regular.mean() > 0.99
     a1, a2 = m.inverse_kinematics_batch(*m.tip(tuple(q)))
     gap = np.fmax(angle_gap(a1, q[0][:, None]), angle_gap(a2, q[1][:, None]))
@@ -124,7 +124,7 @@ def test_round_trips_next_to_the_poses_with_two_flat_joints(a, b):
     m = TwoX(kinematic(b, a, 2 * math.pi))
     rng = np.random.default_rng(4)
     q = rng.choice([-math.pi, math.pi], (2, 1000)) + rng.normal(size=(2, 1000)) * 10 ** rng.uniform(-6, 0, (2, 1000))
-    q = q[:, abs(m.singularity(tuple(q))) > 1e-8 * m.reach**2]
+    q = q[:, abs(m.jacobian_determinant(tuple(q))) > 1e-8 * m.reach**2]
     assert q.shape[1] > 400
     a1, a2 = m.inverse_kinematics_batch(*m.tip(tuple(q)))
     gap = np.fmax(angle_gap(a1, q[0][:, None]), angle_gap(a2, q[1][:, None]))
@@ -138,10 +138,13 @@ def test_two_solutions_next_to_a_fold_and_none_beyond(a, closeness):
     m = TwoX(kinematic(0.5, a, math.pi))
     alpha1 = -0.8
     angles = np.linspace(0.0, 3.0, 300)
-    signs = np.sign(m.singularity((alpha1, angles)))
+    signs = np.sign(m.jacobian_determinant((alpha1, angles)))
     change = np.flatnonzero(signs[1:] != signs[:-1])[-1]
     q = np.array(
-        [alpha1, brentq(lambda angle: m.singularity((alpha1, angle)), *angles[change : change + 2], xtol=1e-15)]
+        [
+            alpha1,
+            brentq(lambda angle: m.jacobian_determinant((alpha1, angle)), *angles[change : change + 2], xtol=1e-15),
+        ]
     )
     left, _, right = np.linalg.svd(np.array(m.jacobian(tuple(q))))
     # Along the kernel the tip turns back: second derivative across the fold's image
@@ -156,7 +159,7 @@ def test_two_solutions_next_to_a_fold_and_none_beyond(a, closeness):
     size = closeness * m.reach
     assert len(nearby(m.tip(tuple(q)) - size * normal)) == 0
     first, second = nearby(m.tip(tuple(q)) + size * normal)
-    assert m.singularity(tuple(first)) * m.singularity(tuple(second)) < 0
+    assert m.jacobian_determinant(tuple(first)) * m.jacobian_determinant(tuple(second)) < 0
     half = np.linalg.norm(first - second) / 2
     assert half == pytest.approx(math.sqrt(2 * size / (normal @ bend)), rel=0.3 if closeness > 1e-4 else 0.02)
 
@@ -292,7 +295,7 @@ def test_singular_where_tip_and_instant_centres_are_in_line(seed):
         second = meeting_point(*(nodes[name] for name in ("A2", "C2", "B2", "D2")))
         arms = nodes["P"] - first, nodes["P"] - second
         cross = (arms[0].conjugate() * arms[1]).imag
-        assert m.singularity(tuple(q)) == pytest.approx(cross, abs=1e-10 * m.reach**2)
+        assert m.jacobian_determinant(tuple(q)) == pytest.approx(cross, abs=1e-10 * m.reach**2)
 
 
 def test_cable_lengths_are_the_sides_of_the_nodes():

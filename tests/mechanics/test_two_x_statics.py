@@ -149,7 +149,7 @@ def test_a_batch_of_designs_gives_what_each_design_gives():
             np.testing.assert_allclose(energy, node_energy(m, p, tuple(tensions), load), rtol=1e-12)
             gradient, hessian = m.statics(p, tuple(tensions), load)
             posture = m.posture(p, load)
-            tip, determinant = m.tip(p), m.singularity(p)
+            tip, determinant = m.tip(p), m.jacobian_determinant(p)
             for i in range(8):
                 one = TwoX(take(batch, i))
                 assert not isinstance(one.design.payload, np.ndarray)
@@ -168,7 +168,7 @@ def test_a_batch_of_designs_gives_what_each_design_gives():
                 single = one.posture(at, load)
                 for array, number in zip((*posture[0], *posture[1:]), (*single[0], *single[1:]), strict=True):
                     check(array, number)
-                check(determinant, one.singularity(at))
+                check(determinant, one.jacobian_determinant(at))
                 for array, number in zip(tip, one.tip(at), strict=True):
                     check(array, number)
 

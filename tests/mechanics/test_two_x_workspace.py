@@ -238,7 +238,7 @@ def test_slices_of_a_sheet_end_at_the_singularity(sheet):
     at_fold = high if second == SINGULARITY else low
     assert {first, second} == {SINGULARITY, "right 2" if sheet > 0 else STABILITY} or SINGULARITY in (first, second)
     assert (whole_low, whole_high)[sheet > 0] in (pytest.approx(low, abs=1e-12), pytest.approx(high, abs=1e-12))
-    assert m.singularity((0.5, at_fold)) == pytest.approx(0, abs=1e-12)
+    assert m.jacobian_determinant((0.5, at_fold)) == pytest.approx(0, abs=1e-12)
 
 
 def test_the_cloud_is_the_papers():
@@ -249,7 +249,7 @@ def test_the_cloud_is_the_papers():
     region = stable_wrench_feasible_joint_space(m)
     free = (np.abs(cloud.points[edge]) < CLIP).all(axis=1)
     assert np.abs(region.margin(*cloud.points[edge][free].T)).max() < 1e-10
-    assert np.abs(m.singularity(tuple(cloud.points[~edge].T))).max() < 1e-12
+    assert np.abs(m.jacobian_determinant(tuple(cloud.points[~edge].T))).max() < 1e-12
     np.testing.assert_allclose(np.stack(m.tip(tuple(cloud.points.T)), axis=1), cloud.tips, rtol=0, atol=0)
 
 

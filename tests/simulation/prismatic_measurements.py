@@ -40,7 +40,7 @@ def feasible(name, count, seed, loaded):
                 u = FourBarSkeleton(FOUR_BAR).coordinates(rest.configuration, lengths)
                 found.append((lengths, load, np.array(u, float)))
         else:
-            lengths = PRISM.inverse_kinematics((*rng.uniform(-0.2, 0.2, 2), rng.uniform(0.25, 0.7)))
+            lengths = PRISM.unloaded_lengths((*rng.uniform(-0.2, 0.2, 2), rng.uniform(0.25, 0.7)))
             load = tuple(rng.normal(0.0, 8.0 * loaded, 3))
             rest = PRISM.loaded_equilibrium(lengths, load)
             if rest.fraction == 1 and rest.is_stable:
@@ -229,7 +229,7 @@ def main():
             at = [(lengths, u) for lengths, _, u in feasible(name, 3, 3, False)]
             if name == "spatial prism":
                 rest = (0.0, 0.0, 0.4, 0.0, 0.0, 0.0)
-                at.insert(0, (PRISM.inverse_kinematics(rest[:3]), np.array(rest)))
+                at.insert(0, (PRISM.unloaded_lengths(rest[:3]), np.array(rest)))
             for lengths, u in at:
                 expected, simulated = frequencies(name, lengths, u)
                 print(name, expected.round(3), simulated.round(3), f"off by {abs(simulated / expected - 1).max():.1e}")

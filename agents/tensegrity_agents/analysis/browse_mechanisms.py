@@ -98,7 +98,7 @@ def spatial_prism_page(prism: SpatialPrism, path: Path, title: str) -> Path:
     for x, y in points[np.hypot(*points.T) <= 1.2 * D]:
         r = (float(x), float(y), height)
         q = (*r, 0.0, 0.0, 0.0)
-        lengths, thrusts = prism.inverse_kinematics(r), prism.actuator_forces(q)
+        lengths, thrusts = prism.unloaded_lengths(r), prism.actuator_forces(q)
         clearance = float(np.asarray(prism.strut_clearance(q)))
         nodes: dict[str, Any] = {name: place[:2] for name, place in prism.nodes(q).items()}  # from above
         row: list[float | str] = [*(float(v) for v in (*lengths, *thrusts)), 1000 * clearance]

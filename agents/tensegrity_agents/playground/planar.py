@@ -38,7 +38,7 @@ def _two_x_place(design: Any, q: Components) -> dict[str, Any]:
 def _two_x_posture(design: Any, q: Components, load: Components) -> dict[str, Any]:
     arm = TwoX(design)
     tensions, stability, wrench = arm.posture(q, load)
-    return {"tensions": tensions, "stability": stability, "wrench": wrench, "determinant": arm.singularity(q)}
+    return {"tensions": tensions, "stability": stability, "wrench": wrench, "determinant": arm.jacobian_determinant(q)}
 
 
 _TWO_X = varying(MURALIDHARAN2022, "payload", "a", "b", "l", "k1", "k2")
@@ -98,7 +98,7 @@ def _dual_triangle_posture(design: Any, q: Components, load: Components) -> dict
         "stability": arm.stability_margin(q, lengths, load),
         "limit": arm.limit_margin(q),
         "length": arm.free_length_margin(lengths),
-        "determinant": arm.singularity(q),
+        "determinant": arm.jacobian_determinant(q),
         "tip": arm.tip(q),
     }
 
@@ -155,7 +155,7 @@ def _state(design: Any, support: Any, alpha: Component, fold: Component, load: C
     lengths = support["rho1"], arm.lengths_of(alpha, 0.0 * alpha)[1]
     _, (dx, dy) = arm.supports(lengths)
     q = pointing(arm, lengths, gamma, fold), gamma
-    (j11, j12), (j21, j22) = arm.tip_jacobian(q, lengths, load)
+    (j11, j12), (j21, j22) = arm.jacobian(q, lengths, load)
     return {
         "lengths": lengths,
         "q": q,

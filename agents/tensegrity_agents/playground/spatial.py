@@ -21,9 +21,9 @@ def _state(design: Any, q: Components, force: Components) -> dict[str, Any]:
     return {
         "q": q,
         "lengths": prism.strut_lengths(q),
-        "determinant": prism.singularity(q[:3]),
-        "stability": prism.stability_margin(q, force),
-        "wrench": prism.wrench_margin(q, force),
+        "determinant": prism.strut_determinant(q[:3]),
+        "stability": prism.stability_margin(q, None, force),
+        "wrench": prism.wrench_margin(q, None, force),
         "forces": prism.actuator_forces(q, force),
         "tensions": prism.cable_tensions(q, force),
         "nodes": prism.nodes(q),

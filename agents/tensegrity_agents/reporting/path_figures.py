@@ -99,7 +99,7 @@ def joint_space(
     else:
         note(axes, "no stable, wrench-feasible configuration")
     with np.errstate(all="ignore"):
-        singular = np.asarray(mechanism.singularity((a1, a2)))
+        singular = np.asarray(mechanism.jacobian_determinant((a1, a2)))
     if np.nanmin(singular) < 0 < np.nanmax(singular):
         axes.contour(a1, a2, singular, levels=[0], colors=["#7b3294"], linewidths=1.2, linestyles=[(0, (6, 2))])
         handles.append(

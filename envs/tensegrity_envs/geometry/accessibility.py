@@ -54,10 +54,10 @@ def singular_factor(mechanism: TwoX) -> Callable[[Any], Component]:
     cos((alpha_1 + alpha_2) / 4) what is left has the one curve whose image bounds the workspace.
     """
     if mechanism.design.a:
-        return mechanism.singularity
+        return mechanism.jacobian_determinant
 
     def quotient(q1: Any, q2: Any) -> Any:
-        return mechanism.singularity((q1, q2)) / np.cos((q1 + q2) / 4)
+        return mechanism.jacobian_determinant((q1, q2)) / np.cos((q1 + q2) / 4)
 
     def factor(q: Any) -> Component:
         q1, q2 = np.broadcast_arrays(np.asarray(q[0], float), np.asarray(q[1], float))

@@ -109,7 +109,7 @@ def aspects(mechanism: Planar, limit: float, period: float | None = None, resolu
     from scipy.sparse import coo_array  # slow to import, and only needed here
     from scipy.sparse.csgraph import connected_components
 
-    grid = _grid(mechanism.singularity, limit, period, resolution)
+    grid = _grid(mechanism.jacobian_determinant, limit, period, resolution)
     first, second, _ = grid.edges()
     n = grid.values.size
     _, label = connected_components(coo_array((np.ones(len(first)), (first, second)), shape=(n, n)), directed=False)
@@ -177,7 +177,7 @@ def posture_change(
         ValueError: start or goal is singular or outside the limits, or they are in different aspects (or the way
             between them is narrower than the grid can see).
     """
-    f = mechanism.singularity
+    f = mechanism.jacobian_determinant
     ends = [np.array(start, float), np.array(goal, float)]
     values = [float(f((float(q[0]), float(q[1])))) for q in ends]
     for name, q, value in zip(("start", "goal"), ends, values, strict=True):

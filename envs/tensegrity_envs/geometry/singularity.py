@@ -37,7 +37,7 @@ class Planar(Protocol):
     def jacobian(self, q: Any) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
         """d tip / d q."""
 
-    def singularity(self, q: Any) -> Component:
+    def jacobian_determinant(self, q: Any) -> Component:
         """det J."""
 
 
@@ -105,7 +105,7 @@ def cusps(mechanism: Planar, curves: Sequence[np.ndarray], f: Scalar | None = No
         curves: from `zero_curves`.
         f: the function that is zero on them, by default det J; a factor of it where det J has several.
     """
-    f = f or mechanism.singularity
+    f = f or mechanism.jacobian_determinant
     starts, directions = [], []
     for curve in curves:
         step = np.diff(np.stack(mechanism.tip(components(curve)), axis=1), axis=0)
@@ -145,7 +145,7 @@ def nodes(mechanism: Planar, curves: Sequence[np.ndarray], f: Scalar | None = No
     """
     import shapely  # slow to import, and only needed here
 
-    f = f or mechanism.singularity
+    f = f or mechanism.jacobian_determinant
     if not curves:
         return []
     begin, end = (np.concatenate([curve[part] for curve in curves]) for part in (slice(None, -1), slice(1, None)))

@@ -35,7 +35,7 @@ class CableDriven(Protocol):
     def tip(self, q: Any) -> tuple[Component, Component]:
         """Tip position [m]."""
 
-    def singularity(self, q: Any) -> Component:
+    def jacobian_determinant(self, q: Any) -> Component:
         """det J."""
 
     def posture(self, q: Any, load: Any = ...) -> tuple[Components, Component, Component]:
@@ -74,12 +74,12 @@ def stable_wrench_feasible_joint_space(
     def conditions(q1: Any, q2: Any) -> tuple[Component, ...]:
         tensions, stability, _ = mechanism.posture((q1, q2), *outside)
         margins = (stability, *((tension - low) / high for tension in tensions))
-        return (*margins, scale * mechanism.singularity((q1, q2))) if sheet else margins
+        return (*margins, scale * mechanism.jacobian_determinant((q1, q2))) if sheet else margins
 
     def least(q1: Any, q2: Any) -> Component:
         _, stability, wrench = mechanism.posture((q1, q2), *outside)
         margin = np.minimum(stability, wrench)
-        return np.minimum(margin, scale * mechanism.singularity((q1, q2))) if sheet else margin
+        return np.minimum(margin, scale * mechanism.jacobian_determinant((q1, q2))) if sheet else margin
 
     names = (STABILITY, *mechanism.input_names, *((SINGULARITY,) if sheet else ()))
     what = "SWFJ" + (f", det J {'>' if sheet > 0 else '<'} 0" if sheet else "")
@@ -178,7 +178,7 @@ def boundary_cloud(
         np.concatenate([edge.fixed, folds.fixed[of_fold]]),
     )
     q = (cloud.points[:, 0], cloud.points[:, 1])
-    determinant = np.array(mechanism.singularity(q), float)
+    determinant = np.array(mechanism.jacobian_determinant(q), float)
     determinant[len(edge.points) :] = 0.0
     return Cloud(cloud.points, np.stack(mechanism.tip(q), axis=1), cloud.conditions, cloud.fixed, determinant)
 

@@ -11,15 +11,7 @@ from tensegrity_envs.simulation.quasi_static import STEP_SHARE, InputControl, ke
 from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagonals
 
 STROKE = (0.01, 0.99)  # actuator lengths, as shares of 2 L: at 2 L an actuator has no moment arm
-LARGEST_THRUST = 2.0  # times K L; unloaded rectangles never need more
 LEAST_STIFFNESS = 0.02  # stability margin below which an unloaded rectangle counts as singular
-
-
-def wrench_margin(mechanism: PlanarFourBar, q: Components, lengths: Components, load: Components) -> Component:
-    """Distance of the larger of the two thrusts from its bound, as a share of it [-]."""
-    p1, p2 = mechanism.thrusts(q, lengths, load)
-    xp = namespace_of(p1, p2)
-    return 1 - xp.maximum(abs(p1), abs(p2)) / (LARGEST_THRUST * mechanism.largest_force)
 
 
 def stroke(mechanism: PlanarFourBar) -> tuple[Component, Component]:
@@ -74,8 +66,8 @@ class LoadedLengthControl(InputControl):
     def margins(
         self, mechanism: PlanarFourBar, q: Components, inputs: Components, load: Components
     ) -> tuple[Component, Component]:
-        """Smallest eigenvalue of the Hessian divided by K L^2, and `wrench_margin`."""
-        return mechanism.stability_margin(q, inputs, load), wrench_margin(mechanism, q, inputs, load)
+        """Smallest eigenvalue of the Hessian divided by K L^2, and `PlanarFourBar.wrench_margin`."""
+        return mechanism.stability_margin(q, inputs, load), mechanism.wrench_margin(q, inputs, load)
 
     def usual_inputs(self, mechanism: PlanarFourBar, q: Components, load: Components) -> Components:
         """None: the angles alone do not tell the lengths.
@@ -109,10 +101,10 @@ class RectangleControl(LoadedLengthControl):
     def margins(
         self, mechanism: PlanarFourBar, q: Components, inputs: Components, load: Components
     ) -> tuple[Component, Component]:
-        """Stability margin 2 min(R^2, 1 - R^2) and `wrench_margin`."""
+        """Stability margin 2 min(R^2, 1 - R^2) and `PlanarFourBar.wrench_margin`."""
         square, rest = mechanism.flatness(inputs)
         xp = namespace_of(square)
-        return 2 * xp.minimum(square, rest), wrench_margin(mechanism, q, inputs, (0.0, 0.0))
+        return 2 * xp.minimum(square, rest), mechanism.wrench_margin(q, inputs)
 
     def advance(self, mechanism: PlanarFourBar, episode: Episode, state: State, action: Components) -> State:
         """See `Simulation.advance`."""

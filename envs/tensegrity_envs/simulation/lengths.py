@@ -54,7 +54,7 @@ class LengthControl:
         self, mechanism: SpatialPrism, episode: Episode, q: Components, inputs: Components | None = None
     ) -> State:
         """See `Simulation.start`."""
-        lengths = mechanism.inverse_kinematics(q[:3]) if inputs is None else inputs
+        lengths = mechanism.unloaded_lengths(q[:3]) if inputs is None else inputs
         return self._at(mechanism, q, lengths, episode.load_at(0.0 * q[0]), 0.0 * q[0], self.loaded)
 
     def moved(self, mechanism: SpatialPrism, inputs: Components, action: Components) -> Components:
@@ -109,8 +109,8 @@ class LengthControl:
         xp = namespace_of(*q)
         height = (q[2] * q[2] - self.lowest(mechanism) ** 2) / (D * D)
         if turned:
-            stability = xp.minimum(mechanism.stability_margin(q, load), height)
-            wrench = mechanism.wrench_margin(q, load)
+            stability = xp.minimum(mechanism.stability_margin(q, None, load), height)
+            wrench = mechanism.wrench_margin(q, None, load)
         else:
             stability = xp.minimum(height, 1.0)
             shortest = xp.minimum(xp.minimum(lengths[0], lengths[1]), lengths[2])

@@ -119,7 +119,7 @@ class PrismSkeleton:
     def at_rest(self) -> tuple[Components, Components]:
         """A stable pose without load, and its lengths: level, as high as the base is wide."""
         place = (0.0, 0.0, float(self.design.D))
-        return (*place, 0.0, 0.0, 0.0), self.mechanism.inverse_kinematics(place)
+        return (*place, 0.0, 0.0, 0.0), self.mechanism.unloaded_lengths(place)
 
 
 def skeleton_of(mechanism: Any) -> Any:

@@ -115,7 +115,7 @@ def unloading_maps(prism: SpatialPrism) -> Figure:
             x, y = _sector(prism, 25, 37)
             r = np.stack([x.ravel(), y.ravel(), np.full(x.size, height * D)])
             n = r.shape[1]
-            lengths = [np.tile(length, ways.shape[1]) for length in prism.inverse_kinematics(tuple(r))]
+            lengths = [np.tile(length, ways.shape[1]) for length in prism.unloaded_lengths(tuple(r))]
             found = prism.unloading_limit(lengths, tuple(np.repeat(ways, n, axis=1)), largest)
             tables.append(found.force.reshape(-1, n).min(axis=0).reshape(x.shape))
         high = min(float(np.max(tables)), largest)
@@ -190,7 +190,7 @@ def polar_limits(prism: SpatialPrism) -> Figure:
     colours = {1: _COLOURS[1], 2: _COLOURS[0], 3: INK}
     styles: dict[float, Any] = {0.5: "solid", 0.8: (0, (5, 2)), 1.1: (0, (1.5, 1.5))}  # by height, in base radii
     for height, style in styles.items():
-        lengths = prism.inverse_kinematics((0.0, 0.0, height * D))
+        lengths = prism.unloaded_lengths((0.0, 0.0, height * D))
         found = prism.unloading_limit(lengths, (np.cos(angles), np.sin(angles), 0 * angles), 8 * k * D)
         for event, colour in colours.items():
             force = np.where(found.event == event, found.force, np.nan)
@@ -217,7 +217,7 @@ def pictures(prism: SpatialPrism) -> Figure:
     ]
     figure = new_figure(9.6, 3.2)
     for axes, (title, r, force) in zip(figure.subplots(1, 4, sharex=True, sharey=True), cases, strict=True):
-        found = prism.loaded_equilibrium(prism.inverse_kinematics(r), force)
+        found = prism.loaded_equilibrium(prism.unloaded_lengths(r), force)
         if force != _STILL:
             _draw_prism(axes, prism, (*r, *_STILL), ghost=True)
         _draw_prism(axes, prism, found.configuration)
@@ -281,7 +281,7 @@ def numbers(prism: SpatialPrism) -> dict[str, Any]:
             table[f"{name}: largest thrust of strut {i} [N]"] = float(force.max())
         table[f"{name}: smallest distance between struts [m]"] = float(prism.strut_clearance(q).min())
     centre = (0.0, 0.0, 0.8 * D)
-    lengths = prism.inverse_kinematics(centre)
+    lengths = prism.unloaded_lengths(centre)
     angles = np.linspace(-math.pi, math.pi, 721)
     side = prism.unloading_limit(lengths, (np.cos(angles), np.sin(angles), 0 * angles), 8 * k * D)
     table[f"unloading force sideways at (0, 0, {0.8 * D:g}) m, smallest [N]"] = float(side.force.min())

@@ -17,7 +17,7 @@ from tensegrity_agents.controllers.planar_four_bar.reading import (
 )
 from tensegrity_envs.geometry.obstacle_path import shortest_path
 from tensegrity_envs.observation import DecodedObservation
-from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl, wrench_margin
+from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl
 
 _PLACES = 8  # inverse solutions that are kept
 _KNOWN = 1e-3  # information about the less known component of the force with which it is half known
@@ -96,7 +96,7 @@ class LoadedFeatures(Features):
         there = observed.take(owner)
         there = there.replace(tip=there.target, actuator_lengths=lengths)
         state = tuple(configuration(nominal, there).T), tuple(lengths.T), tuple(load[owner].T)
-        good = (np.asarray(nominal.stability_margin(*state)) >= self.margin) & (wrench_margin(nominal, *state) >= 0)
+        good = (np.asarray(nominal.stability_margin(*state)) >= self.margin) & (nominal.wrench_margin(*state) >= 0)
         owner, lengths = owner[good], lengths[good]
         start = observed.take(owner)
         _, corner = shortest_path(tuple(start.actuator_lengths.T), tuple(lengths.T), self.obstacle)

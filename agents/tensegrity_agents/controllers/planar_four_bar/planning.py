@@ -14,7 +14,7 @@ from tensegrity_envs.compiler.namespace import Component, Components, namespace_
 from tensegrity_envs.mechanics.equilibrium import follow
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import loaded, rectangles
-from tensegrity_envs.simulation.actuator_lengths import LEAST_STIFFNESS, wrench_margin
+from tensegrity_envs.simulation.actuator_lengths import LEAST_STIFFNESS
 
 LEGS = 3
 _SAMPLES = np.linspace(0.0, 1.0, 25)
@@ -50,7 +50,7 @@ def _trip(
         q, fraction = follow(leg, q, _RESOLUTION)
         covered = covered + fraction
         xp = namespace_of(covered)
-        margin = xp.minimum(mechanism.stability_margin(q, new, load), wrench_margin(mechanism, q, new, load))
+        margin = xp.minimum(mechanism.stability_margin(q, new, load), mechanism.wrench_margin(q, new, load))
         least = margin if least is None else xp.minimum(least, margin)
     return mechanism.tip(q, points[-1]), covered, least
 

@@ -77,6 +77,6 @@ def resolved_rate(
     square, rest = mechanism.flatness(tuple(lengths.T))
     regular = np.minimum(square, rest) > 1e-3
     safe = np.where(regular[:, None], lengths, float(mechanism.length) * np.array([1.2, 0.8]))
-    jacobian: np.ndarray = np.moveaxis(np.array(mechanism.jacobian(tuple(safe.T), here)), -1, 0)
+    jacobian: np.ndarray = np.moveaxis(np.array(mechanism.rectangle_jacobian(tuple(safe.T), here)), -1, 0)
     inner = np.einsum("nij,nkj->nik", jacobian, jacobian) + damping**2 * np.eye(2)
     return np.asarray(np.einsum("nji,njk,nk->ni", jacobian, np.linalg.inv(inner), error))

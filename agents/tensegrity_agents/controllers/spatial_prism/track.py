@@ -57,7 +57,7 @@ class ClosedFormIK(TrackController):
 
     def lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
         """See `TrackController.lengths`."""
-        return np.stack(self.nominal.inverse_kinematics(tuple(observed.next_goal.T)), axis=1)
+        return np.stack(self.nominal.unloaded_lengths(tuple(observed.next_goal.T)), axis=1)
 
 
 class PseudoInverse(TrackController):
@@ -71,7 +71,7 @@ class PseudoInverse(TrackController):
     def lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
         """See `TrackController.lengths`."""
         ahead = observed.next_goal - observed.tip
-        rows = self.nominal.jacobian(tuple(observed.tip.T))
+        rows = self.nominal.strut_jacobian(tuple(observed.tip.T))
         change = [sum(entry * part for entry, part in zip(row, ahead.T, strict=True)) for row in rows]
         return np.asarray(observed.lengths + np.stack(change, axis=1))
 

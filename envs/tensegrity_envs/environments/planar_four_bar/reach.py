@@ -12,6 +12,7 @@ from tensegrity_envs.environments.planar_four_bar.sampling import Sampler
 from tensegrity_envs.mechanics.design import take
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles
+from tensegrity_envs.mechanics.planar_four_bar.statics import LARGEST_THRUST
 from tensegrity_envs.observation import (
     Field,
     SoftsignRate,
@@ -24,7 +25,6 @@ from tensegrity_envs.observation import (
 )
 from tensegrity_envs.options import Options
 from tensegrity_envs.simulation.actuator_lengths import (
-    LARGEST_THRUST,
     LoadedLengthControl,
     RectangleControl,
     around_meeting,

@@ -10,7 +10,7 @@ from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.equilibrium import follow
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.seeding import EpisodeStream, until_found
-from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl, wrench_margin
+from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl
 
 _MARGIN = 0.1  # stability margin of unloaded starts and targets [-]
 _LOADED_MARGIN = 0.02  # under a load
@@ -114,7 +114,7 @@ def _walk(
 
     def fine(q: Components, lengths: Components, fraction: Component) -> Component:
         stable = mechanism.stability_margin(q, lengths, load) >= margin
-        return (fraction >= 1) & stable & (wrench_margin(mechanism, q, lengths, load) >= 0)
+        return (fraction >= 1) & stable & (mechanism.wrench_margin(q, lengths, load) >= 0)
 
     def put_on(q: Components, t: Component) -> Any:
         return mechanism.statics(q, start, tuple(t * force for force in load))

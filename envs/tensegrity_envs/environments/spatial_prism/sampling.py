@@ -136,7 +136,7 @@ class Sampler:
         steps = np.diff(np.concatenate([points, points[:, :1]], axis=1), axis=1)
         good = (np.sqrt((steps**2).sum(axis=0)) <= _SPEED * self.control.rate).all(axis=0)
         good &= (points[2] >= _HEIGHT * self.control.lowest(self.prism)).all(axis=0)
-        good &= self._within_stroke(self.prism.inverse_kinematics(tuple(np.where(good, points, 1.0))))
+        good &= self._within_stroke(self.prism.unloaded_lengths(tuple(np.where(good, points, 1.0))))
         index = np.flatnonzero(good & (payload > 0))
         if len(index):
             looks = points[:, :: max(self.cycle // _LOOKS, 1)][..., index]
@@ -164,7 +164,7 @@ def _held(
     prism = SpatialPrism(design)
     force = (0.0, 0.0, -weight)
     q, lengths, left = prism.held(position, force)
-    return lengths, prism.stability_margin(q, force), prism.wrench_margin(q, force), left
+    return lengths, prism.stability_margin(q, None, force), prism.wrench_margin(q, None, force), left
 
 
 def _curve(table: np.ndarray) -> Curve:

@@ -125,7 +125,7 @@ class SpatialPrismTrack(Core):
         )
         position = episodes.goal_at(np.zeros(len(seed)))
         still = np.zeros(len(seed))
-        return Sampled(episodes, (*position, still, still, still), self.nominal.inverse_kinematics(position))
+        return Sampled(episodes, (*position, still, still, still), self.nominal.unloaded_lengths(position))
 
     def _randomized(self, random: dict[str, np.ndarray]) -> SpatialPrismDesign:
         """The design with the stiffnesses sampled for the episodes; unloaded poses do not depend on them."""

@@ -29,7 +29,7 @@ class JointPaths:
 
     def height(self, mechanism: TwoX, q: Components) -> Component:
         """Det J with respect to theta, divided by L^2."""
-        return 4 * mechanism.singularity(q) / mechanism.design.l**2
+        return 4 * mechanism.jacobian_determinant(q) / mechanism.design.l**2
 
     def _at(self, mechanism: TwoX, q: Components, height: Component, time: Component) -> State:
         return State(q, (), mechanism.tip(q), abs(height) - self.smallest, 1.0 + 0.0 * height, RUNNING, time)

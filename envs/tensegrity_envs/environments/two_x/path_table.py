@@ -34,7 +34,7 @@ class PathTable:
             heights = []
             for t in np.linspace(0, 1, _LOOKS):
                 q = (axis[i] + t * di * self._step, axis[j] + t * dj * self._step)
-                heights.append(4 * arm.singularity(q) / design.l**2)
+                heights.append(4 * arm.jacobian_determinant(q) / design.l**2)
             height = np.array(heights)
             # The same sign all along, and not a sliver between two singularities
             clear = (np.abs(np.sign(height).sum(axis=0)) == _LOOKS) & (np.abs(height).min(axis=0) > 0.01)

@@ -15,7 +15,7 @@ class InverseSolution(NamedTuple):
         configuration: the angles [rad], those of the last two segments in (-pi, pi].
         elbow: sign of the last angle: 1, -1, or 0 where the last two links are in line.
         is_within_limits: whether every angle is within the joint limits.
-        singularity: see `DualTriangle.singularity` [m2].
+        singularity: see `DualTriangle.jacobian_determinant` [m2].
         residual: distance of its forward kinematics from the target [m].
     """
 
@@ -55,7 +55,9 @@ def inverse_kinematics(arm: DualTriangleKinematics, x: float, y: float, *first: 
         q = (*(float(angle) for angle in first), wrap(arm.before_last(wrist, last)), last)
         end = arm.tip(q)
         residual = math.hypot(end[0] - x, end[1] - y)
-        solutions.append(InverseSolution(q, elbow, bool(arm.is_within_limits(q)), arm.singularity(q), residual))
+        solutions.append(
+            InverseSolution(q, elbow, bool(arm.is_within_limits(q)), arm.jacobian_determinant(q), residual)
+        )
     return solutions
 
 

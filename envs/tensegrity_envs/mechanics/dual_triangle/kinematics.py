@@ -106,17 +106,21 @@ class DualTriangleKinematics:
             arms.append((x + arms[-1][0], y + arms[-1][1]))
         return arms[::-1]
 
-    def tip(self, q: Sequence[Component]) -> tuple[Component, Component]:
+    def tip(self, q: Sequence[Component], inputs: Sequence[Component] | None = None) -> tuple[Component, Component]:
         """Tip position (x, y) [m], [Zhao2021, Eq. 6] (x = b + 2b C1 + 2b C12 + b C123; the print loses a digit)."""
         x, y = self._arms(self._links(self._xp(*q), q))[0]
         return self.design.b1 + x, y
 
-    def jacobian(self, q: Sequence[Component]) -> tuple[Components, Components]:
+    def jacobian(
+        self, q: Sequence[Component], inputs: Sequence[Component] | None = None, load: Sequence[Component] | None = None
+    ) -> tuple[Components, Components]:
         """d tip / d q [m/rad]: two rows of n entries, [Zhao2021, Eq. 9] (whose first row lost J13 = -b S123)."""
         arms = self._arms(self._links(self._xp(*q), q))
         return tuple(-y for _, y in arms), tuple(x for x, _ in arms)
 
-    def singularity(self, q: Sequence[Component]) -> Component:
+    def jacobian_determinant(
+        self, q: Sequence[Component], inputs: Sequence[Component] | None = None, load: Sequence[Component] | None = None
+    ) -> Component:
         """How far the arm is from a singular configuration [m2/rad2]: 0 there.
 
         det J of two segments; of more, sqrt(det J J^T), the product of the singular values (a singular arm has all
@@ -139,7 +143,9 @@ class DualTriangleKinematics:
         n = len(row_x)
         return [row_x[i] * row_y[j] - row_x[j] * row_y[i] for i in range(n) for j in range(i + 1, n)]
 
-    def nodes(self, q: Sequence[Component]) -> dict[str, tuple[Component, Component]]:
+    def nodes(
+        self, q: Sequence[Component], inputs: Sequence[Component] | None = None
+    ) -> dict[str, tuple[Component, Component]]:
         """Positions (x, y) [m] of the nodes.
 
         Oi the pivot of segment i; Ai, Bi the corners of its base triangle and Di, Ci those of its moving triangle on

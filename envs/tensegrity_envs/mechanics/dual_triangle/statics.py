@@ -143,6 +143,19 @@ class DualTriangleStatics(DualTriangleKinematics):
             smallest = xp.minimum(smallest, length)
         return smallest
 
+    def wrench_margin(
+        self,
+        q: Sequence[Component],
+        free_lengths: Sequence[Component] | None = None,
+        load: Sequence[Component] = _NO_LOAD,
+    ) -> Component:
+        """`free_length_margin` divided by (b1 + b2) / 2 [-]: negative where the inputs cannot be realized.
+
+        Without free lengths: at those of the control law for this configuration and load.
+        """
+        lengths = self.free_lengths(self.control(q, load)) if free_lengths is None else free_lengths
+        return 2 * self.free_length_margin(lengths) / (self.design.b1 + self.design.b2)
+
     def as_bilateral(self) -> Self:
         """The same arm with springs that push, too."""
         return type(self)(replace(self.design, springs="bilateral"), self.segments)

@@ -61,17 +61,21 @@ class Chain:
         parts = zip(self._b, self._excess, q, strict=True)
         return [joint_at(xp, b, excess, xp.sin(alpha / 2), xp.cos(alpha / 2)) for b, excess, alpha in parts]
 
-    def tip(self, q: Sequence[Component]) -> tuple[Component, Component]:
+    def tip(self, q: Sequence[Component], inputs: Sequence[Component] | None = None) -> tuple[Component, Component]:
         """Tip position (x, y) [m]."""
         joints = self.joints(self.namespace(*q), q)
         return statics.tip(joints, statics.turns(joints), self.offsets)
 
-    def jacobian(self, q: Sequence[Component]) -> tuple[Components, Components]:
+    def jacobian(
+        self, q: Sequence[Component], inputs: Sequence[Component] | None = None, load: Sequence[Component] | None = None
+    ) -> tuple[Components, Components]:
         """d tip / d alpha [m/rad]: ((dx/da1, ..., dx/dan), (dy/da1, ..., dy/dan))."""
         joints = self.joints(self.namespace(*q), q)
         return statics.jacobian(joints, statics.turns(joints), self.offsets)
 
-    def singularity(self, q: Sequence[Component]) -> Component:
+    def jacobian_determinant(
+        self, q: Sequence[Component], inputs: Sequence[Component] | None = None, load: Sequence[Component] | None = None
+    ) -> Component:
         """det J of two joints [m2/rad2]; of more, sqrt(det J J^T), the product of the singular values, of one |J|."""
         x_row, y_row = self.jacobian(q)
         xp = self.namespace(*x_row)
@@ -81,7 +85,9 @@ class Chain:
         minors = [x_row[i] * y_row[j] - x_row[j] * y_row[i] for i in range(n) for j in range(i + 1, n)]
         return minors[0] if n == 2 else xp.sqrt(sum(minor * minor for minor in minors))
 
-    def nodes(self, q: Sequence[Component]) -> dict[str, tuple[Component, Component]]:
+    def nodes(
+        self, q: Sequence[Component], inputs: Sequence[Component] | None = None
+    ) -> dict[str, tuple[Component, Component]]:
         """Positions (x, y) [m] of the nodes: Ai, Bi base left, right; Di, Ci top left, right of joint i; P tip."""
         return structure.nodes(
             self.namespace(*q), self.design, q, [joint.r for joint in self.joints(self.namespace(*q), q)]

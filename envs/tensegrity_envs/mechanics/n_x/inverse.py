@@ -15,7 +15,7 @@ class InverseSolution(NamedTuple):
     Attributes:
         configuration: (alpha_1, ..., alpha_n) [rad].
         state: "U" (up, |alpha| < pi) or "D" (down) for each joint, such as "UD".
-        singularity: see `NX.singularity`.
+        singularity: see `NX.jacobian_determinant`.
         stability_margin: see `NX.stability_margin`.
         wrench_margin: see `NX.wrench_margin`.
         residual: distance of its forward kinematics from the target [m].

@@ -283,7 +283,9 @@ class NX(Chain, TipStiffness):
             q = tuple(column)
             _, stability, wrench = self.posture(q)
             state = "".join("U" if abs(alpha) < math.pi else "D" for alpha in q)
-            solutions.append(inverse.InverseSolution(q, state, self.singularity(q), stability, wrench, distance))
+            solutions.append(
+                inverse.InverseSolution(q, state, self.jacobian_determinant(q), stability, wrench, distance)
+            )
         return solutions
 
     def local_optima(

@@ -61,13 +61,13 @@ class PlanarFourBar(FourBarStatics):
         parameters = (self.design, as_components(lengths), as_components(load))
         return _equilibrium.settle(_statics, start, parameters, 4 * math.pi)
 
-    def jacobian(
+    def rectangle_jacobian(
         self, lengths: Sequence[Component], side: Component
     ) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
         """d(x, y) / d(rho1, rho2) of the unloaded rectangle [-]: two rows, [Ji2014, Eqs. 27-38].
 
         By differentiating F = D + side h rot90(C - D), h = sqrt(L^2 / CD^2 - 1); not finite where C and D coincide
-        and where the mechanism becomes flat, h = 0. Of flat or loaded states: `tip_jacobian`.
+        and where the mechanism becomes flat, h = 0. Of flat or loaded states: `jacobian`.
 
         Raises:
             ValueError: there is no rectangle under some of these lengths.
@@ -79,7 +79,7 @@ class PlanarFourBar(FourBarStatics):
         if not is_symbol(rest) and not np.all(np.asarray((rest > 0) & (square > 0))):
             raise ValueError(
                 f"lengths = {lengths!r}: no rectangle (or C and D coincide); "
-                "tip_jacobian(q, lengths) is that of other states"
+                "jacobian(q, lengths) is that of other states"
             )
         vx, vy = cx - dx, cy - dy
         height = side * xp.sqrt(rest / square)
@@ -92,9 +92,9 @@ class PlanarFourBar(FourBarStatics):
         (x1, y1), (x2, y2) = rate(c1, c2), rate(-d1, -d2)
         return (x1, x2 + d1), (y1, y2 + d2)
 
-    def singularity(self, lengths: Sequence[Component], side: Component) -> Component:
+    def rectangle_determinant(self, lengths: Sequence[Component], side: Component) -> Component:
         """det J of the unloaded rectangle [-], [Ji2014, Eq. 40] with Phi3 corrected."""
-        (j11, j12), (j21, j22) = self.jacobian(lengths, side)
+        (j11, j12), (j21, j22) = self.rectangle_jacobian(lengths, side)
         return j11 * j22 - j12 * j21
 
     def phi(self, q: Sequence[Component], lengths: Sequence[Component]) -> tuple[Component, Component, Component]:
@@ -112,7 +112,7 @@ class PlanarFourBar(FourBarStatics):
             2 * (xp.cos(alpha + theta) * both + xp.cos(alpha - gamma) * of_theta),
         )
 
-    def tip_jacobian(
+    def jacobian(
         self, q: Sequence[Component], lengths: Sequence[Component], load: Sequence[Component] = NO_LOAD
     ) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
         """d(x, y) / d(rho1, rho2) of any equilibrium under a constant load [-], by implicit differentiation."""
@@ -130,6 +130,13 @@ class PlanarFourBar(FourBarStatics):
             columns.append((fx - self.length * sg * turn, fy + self.length * cg * turn))
         (x1, y1), (x2, y2) = columns
         return (x1, x2), (y1, y2)
+
+    def jacobian_determinant(
+        self, q: Sequence[Component], lengths: Sequence[Component], load: Sequence[Component] = NO_LOAD
+    ) -> Component:
+        """det of `jacobian` [-]; of an unloaded rectangle `rectangle_determinant`."""
+        (j11, j12), (j21, j22) = self.jacobian(q, lengths, load)
+        return j11 * j22 - j12 * j21
 
     def critical_load(self, lengths: Sequence[float], side: int, direction: Sequence[float]) -> float:
         """The dead force on F in a direction at which the rectangle snaps [N]; see `snapping.critical_load`."""

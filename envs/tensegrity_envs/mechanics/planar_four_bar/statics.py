@@ -6,6 +6,7 @@ from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.planar_four_bar.kinematics import FourBarKinematics, Point
 
 NO_LOAD = (0.0, 0.0)
+LARGEST_THRUST = 2.0  # times K L; unloaded rectangles never need more
 
 
 class FourBarStatics(FourBarKinematics):
@@ -96,6 +97,14 @@ class FourBarStatics(FourBarKinematics):
         pull_c = k * (cx + 2 * (fx - ex) - dx) - load[0], k * (cy + 2 * (fy - ey) - dy) - load[1]
         pull_d = k * (2 * (ex - fx) + dx - cx), k * (2 * (ey - fy) + dy - cy)
         return pull_c[0] * c_x + pull_c[1] * c_y, pull_d[0] * d_x + pull_d[1] * d_y
+
+    def wrench_margin(
+        self, q: Sequence[Component], lengths: Sequence[Component], load: Sequence[Component] = NO_LOAD
+    ) -> Component:
+        """Distance of the larger of the two thrusts from its bound, 2 K L, as a share of it [-]; negative beyond."""
+        p1, p2 = self.thrusts(q, lengths, load)
+        xp = self._xp(p1, p2)
+        return 1 - xp.maximum(abs(p1), abs(p2)) / (LARGEST_THRUST * self.largest_force)
 
     def member_forces(
         self, q: Sequence[Component], lengths: Sequence[Component], load: Sequence[Component] = NO_LOAD

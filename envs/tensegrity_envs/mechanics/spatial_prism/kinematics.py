@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,11 @@ class PrismKinematics:
         self.rotational_stiffness = 1.5 * math.sqrt(3) * design.k * d * D  # kappa [N m/rad]
 
     @property
+    def reach(self) -> Any:
+        """2.4 D [m]: the longest that the environments make a strut, and more than the centroid's distance then."""
+        return 2.4 * self.design.D
+
+    @property
     def members(self) -> tuple[Member, ...]:
         """Springs, struts (actuators) and the platform's cables; the base is fixed."""
         springs = [Member(f"spring {i}", "spring", (f"B{i}", f"P{i}"), stiffness=self.design.k) for i in (1, 2, 3)]
@@ -47,15 +53,15 @@ class PrismKinematics:
         cables = [Member(f"cable {i}", "cable", (f"P{i}", f"P{i % 3 + 1}")) for i in (1, 2, 3)]
         return (*springs, *struts, *cables)
 
-    def nodes(self, q: Sequence[Component]) -> dict[str, Components]:
-        """Positions (x, y, z) [m]: base B1, B2, B3, platform P1, P2, P3 and its centroid P."""
+    def nodes(self, q: Sequence[Component], lengths: Sequence[Component] | None = None) -> dict[str, Components]:
+        """Positions (x, y, z) [m], `lengths` not looked at: base B1, B2, B3, platform P1, P2, P3 and its centroid P."""
         arms = rotate(tuple(q[3:]), self.platform)
         places = {f"B{i + 1}": self.base[i] for i in range(3)}
         places |= {f"P{i + 1}": add(q[:3], arms[i]) for i in range(3)}
         return places | {"P": tuple(q[:3])}
 
-    def tip(self, q: Sequence[Component]) -> Components:
-        """The centroid of the platform [m]."""
+    def tip(self, q: Sequence[Component], lengths: Sequence[Component] | None = None) -> Components:
+        """The centroid of the platform [m]; `lengths` are those of q and not looked at."""
         return tuple(q[:3])
 
     def pose(self, q: Sequence[Component]) -> Pose:
@@ -81,7 +87,7 @@ class PrismKinematics:
 
     # ---------------------------------------------------------------------------------------- unloaded kinematics
 
-    def inverse_kinematics(self, position: Sequence[Component]) -> Components:
+    def unloaded_lengths(self, position: Sequence[Component]) -> Components:
         """Lengths of the struts [m] that hold the centroid there without a load, [Jahromy, Eq. 30].
 
         Exact: A = 1 is the energy's only minimum over all orientations, whatever the position.
@@ -134,14 +140,14 @@ class PrismKinematics:
         )
         return (x, y), (first + second + third) / 3 - self.least_square - x * x - y * y
 
-    def jacobian(self, position: Sequence[Component]) -> Matrix:
+    def strut_jacobian(self, position: Sequence[Component]) -> Matrix:
         """Rows d l_i / d r of the unloaded prism [-]: the struts' directions."""
         struts = [add(position, offset) for offset in self.offsets]
         rows = [scale(1 / norm(strut), strut) for strut in struts]
         return rows[0], rows[1], rows[2]
 
-    def singularity(self, position: Sequence[Component]) -> Component:
-        """Det of the Jacobian: z (3 sqrt3 / 2) c0 / (l1 l2 l3); zero on the plane z = 0 alone."""
+    def strut_determinant(self, position: Sequence[Component]) -> Component:
+        """Determinant of `strut_jacobian` [-]: z (3 sqrt3 / 2) c0 / (l1 l2 l3); zero on the plane z = 0 alone."""
         product: Component = 1.0
         for offset in self.offsets:
             product = product * norm(add(position, offset))

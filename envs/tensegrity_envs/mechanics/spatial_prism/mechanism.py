@@ -19,21 +19,18 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, is_symbol, namespace_of
-from tensegrity_envs.mechanics.eigenvalues import smallest_eigenvalue
+from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.mechanics.checks import check_count, check_finite
+from tensegrity_envs.mechanics.equilibrium import Equilibrium
 from tensegrity_envs.mechanics.spatial_prism import statics
-from tensegrity_envs.mechanics.spatial_prism.kinematics import PrismKinematics, plain
+from tensegrity_envs.mechanics.spatial_prism.forces import PrismStatics
 from tensegrity_envs.mechanics.spatial_prism.loaded import LoadedEquilibrium, Problem, UnloadingLimit
 from tensegrity_envs.mechanics.spatial_prism.statics import Pose
 from tensegrity_envs.mechanics.spatial_prism.vectors import (
     Matrix,
-    add,
-    cross,
-    dot,
     inverse_of_columns,
     norm,
     rotate,
-    scale,
     spin,
     subtract,
     times,
@@ -45,115 +42,8 @@ _ANGLES = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
 _NO_WRENCH = (0.0, 0.0, 0.0)
 
 
-class SpatialPrism(PrismKinematics):
+class SpatialPrism(PrismStatics):
     """A spatial prism, or a batch of them. Components are floats, NumPy arrays or Torch tensors."""
-
-    def potential_energy(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> Component:
-        """Energy of the springs minus the work of the force [J].
-
-        Raises:
-            ValueError: there is a moment, which has no potential.
-        """
-        if len(wrench) > 3 and any(np.any(plain(m) != 0) for m in wrench[3:]):
-            raise ValueError("potential_energy: a dead moment has no potential; give a force (fx, fy, fz)")
-        pose = self.pose(q)
-        energy: Component = 0.0
-        for i in range(3):
-            spring = subtract(add(pose.position, pose.arms[i]), pose.base[i])
-            energy = energy + self.design.k / 2 * dot(spring, spring)
-        return energy - dot(wrench[:3], pose.position)
-
-    def actuator_forces(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> Components:
-        """Thrusts of the struts [N] that balance springs and force; at rest k l_i, [Jahromy, Eq. 24].
-
-        Raises:
-            ValueError: the struts lie in one plane (unloaded: z = 0).
-        """
-        pose = self.pose(q)
-        _check_not_flat(pose)
-        rho, _ = statics.densities(pose, self.design.k, tuple(wrench[:3]))
-        return tuple(r * norm(strut) for r, strut in zip(rho, pose.struts, strict=True))
-
-    def cable_tensions(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> Components:
-        """Tensions [N] of the platform's edges, a third of the force acting at every node; at rest k D.
-
-        Raises:
-            ValueError: there is a moment, which may act at the nodes in many ways; or the struts lie in one plane.
-        """
-        if len(wrench) > 3 and any(np.any(plain(m) != 0) for m in wrench[3:]):
-            raise ValueError("cable_tensions: how a moment acts at the nodes is not defined; give a force (fx, fy, fz)")
-        pose, k = self.pose(q), self.design.k
-        _check_not_flat(pose)
-        rho, _ = statics.densities(pose, k, tuple(wrench[:3]))
-        return statics.cable_tensions(pose, k, rho, tuple(wrench[:3]), self.design.d)
-
-    def moment_residual(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> Components:
-        """Moment about the centroid that is not balanced [N m], once struts balance the forces: 0 in equilibrium."""
-        pose, k = self.pose(q), self.design.k
-        rho, _ = statics.densities(pose, k, tuple(wrench[:3]))
-        return statics.moment(pose, k, rho, tuple(wrench[3:]) or _NO_WRENCH)
-
-    def stiffness_matrix(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> Matrix:
-        """Reduced Hessian [N m/rad]: of the energy over rotations about the world axes, struts locked, at equilibrium.
-
-        At rest kappa diag(1, 1, 2) everywhere. Off an equilibrium, and under a moment, the symmetric part.
-        """
-        pose, k = self.pose(q), self.design.k
-        rho, inverse = statics.densities(pose, k, tuple(wrench[:3]))
-        slope = statics.moment_slope(pose, k, rho, inverse, True)
-        rows = tuple(tuple(-(slope[i][j] + slope[j][i]) / 2 for j in range(3)) for i in range(3))
-        return rows[0], rows[1], rows[2]
-
-    def statics(
-        self, w: Components, lengths: Sequence[Component], force: Sequence[Component], sheet: Component = 1.0
-    ) -> tuple[Components, Matrix]:
-        """Gradient [N m] and Hessian [N m/rad] of the energy over the rotation vector, struts locked. Traceable.
-
-        The Hessian leaves out a part that is zero in equilibrium: for Newton's method. Not finite where the lengths
-        do not fit.
-        """
-        pose, k = self.locked_pose(w, lengths, sheet), self.design.k
-        rho, inverse = statics.densities(pose, k, tuple(force))
-        left = statics.moment(pose, k, rho, (0.0, 0.0, 0.0))
-        slope = statics.moment_slope(pose, k, rho, inverse, True)
-        turn = tuple(zip(*spin(w), strict=True))  # columns
-        gradient = tuple(-dot(column, left) for column in turn)
-        held = tuple(tuple(-(slope[i][j] + slope[j][i]) / 2 for j in range(3)) for i in range(3))
-        bent = [times((held[0], held[1], held[2]), column) for column in turn]
-        rows = tuple(tuple(dot(column, other) for other in bent) for column in turn)
-        return gradient, (rows[0], rows[1], rows[2])
-
-    def locked_pose(self, w: Components, lengths: Sequence[Component], sheet: Component = 1.0) -> Pose:
-        """Where struts of given lengths put a platform of given orientation. Traceable; NaN where they do not fit."""
-        arms = tuple(rotate(w, self.platform))
-        foot, normal, square = statics.trilaterate(tuple(lengths), arms, self.base)
-        height = sheet * namespace_of(square).sqrt(square)
-        return statics.pose_of(add(foot, scale(height, normal)), arms, self.base)
-
-    def stability_margin(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> Component:
-        """Smallest eigenvalue of the reduced Hessian divided by kappa [-]; 1 at rest, positive where stable."""
-        return smallest_eigenvalue(self.stiffness_matrix(q, wrench)) / self.rotational_stiffness
-
-    def wrench_margin(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> Component:
-        """Smallest thrust or cable tension divided by k D [-]; positive while struts push and cables pull."""
-        forces = self.actuator_forces(q, wrench) + self.cable_tensions(q, wrench)
-        xp = namespace_of(*forces)
-        smallest = forces[0]
-        for force in forces[1:]:
-            smallest = xp.minimum(smallest, force)
-        return smallest / (self.design.k * self.design.D)
-
-    def compliance(self, q: Sequence[Any], wrench: Sequence[Any] = _NO_WRENCH) -> np.ndarray:
-        """Matrix d r / d F [m/N] of the centroid with the struts locked, shape (3, 3) or (n, 3, 3): G K^-1 G^T."""
-        pose, k = self.pose(q), self.design.k
-        _check_not_flat(pose)
-        _, inverse = statics.densities(pose, k, tuple(wrench[:3]))
-        entries = [entry for row in statics.motion(pose, inverse) for entry in row]
-        stiffness = [entry for row in self.stiffness_matrix(q, wrench) for entry in row]
-        values = np.stack(np.broadcast_arrays(*entries, *stiffness), axis=-1).astype(float)
-        g = values[..., :9].reshape(*values.shape[:-1], 3, 3)
-        held = values[..., 9:].reshape(g.shape)
-        return g @ np.linalg.solve(held, np.swapaxes(g, -1, -2))
 
     # ------------------------------------------------------------------------------------------------------ loads
 
@@ -171,6 +61,58 @@ class SpatialPrism(PrismKinematics):
         self.forward_kinematics(tuple(np.asarray(length, float) for length in lengths), sheet)
         return self._followed(lengths, wrench, True, sheet)
 
+    def equilibrium(
+        self, lengths: Sequence[Any], start: Sequence[Any], wrench: Sequence[Any] = _NO_WRENCH
+    ) -> Equilibrium:
+        """The equilibrium that a wrench makes of the unloaded prism on the sheet of `start`: `loaded_equilibrium`.
+
+        Args:
+            lengths: of the struts [m], floats or of shape (n,).
+            start: configuration, of which the sign of z alone counts: the equilibrium is followed from rest.
+            wrench: three or six components, floats or of shape (n,).
+
+        Returns:
+            Configuration [m, rad], residual [N m], is_stable, and the reason in words (for a batch: a list).
+
+        Raises:
+            ValueError: start is on the plane z = 0, or see `loaded_equilibrium`.
+        """
+        check_count("start", start, 6)
+        sheet = np.sign(np.asarray(start[2], float))
+        if not np.all(np.abs(sheet) == 1):
+            raise ValueError(f"start = {start!r}: z must be above or below 0, where the prism is singular")
+        found = self.loaded_equilibrium(lengths, wrench, sheet if sheet.ndim else int(sheet))
+        return _told(found)
+
+    def equilibria(self, lengths: Sequence[float], wrench: Sequence[float] = _NO_WRENCH) -> list[Equilibrium]:
+        """The stable equilibria that a wrench makes of the two unloaded ones, one on each sheet; those it does not end.
+
+        Without a wrench these are all that are stable: A = 1 is the energy's only minimum over all orientations of
+        a platform that is held, and two positions fit the lengths. Under a wrench the list is not proved complete, and
+        unstable equilibria are never listed. Sorted by configuration.
+
+        Raises:
+            ValueError: no unloaded position fits the lengths, or a number is not finite.
+        """
+        check_finite("lengths", lengths, 3)
+        both = [_told(self.loaded_equilibrium(lengths, wrench, sheet)) for sheet in (1, -1)]
+        return sorted((found for found in both if found.is_stable), key=lambda found: found.configuration)
+
+    def inverse_kinematics(
+        self, x: float, y: float, z: float, wrench: Sequence[float] = _NO_WRENCH
+    ) -> list[LoadedEquilibrium]:
+        """The stable equilibrium with the centroid at (x, y, z) [m]: one, or none where the wrench ends it.
+
+        Without a wrench it is the only one, and `unloaded_lengths` gives its lengths in closed form; under a wrench the
+        one that it becomes, see `loaded_inverse_kinematics`, not proved to be the only one.
+
+        Raises:
+            ValueError: z = 0, or a number is not finite.
+        """
+        check_finite("position", (x, y, z), 3)
+        found = self.loaded_inverse_kinematics((float(x), float(y), float(z)), tuple(map(float, wrench)))
+        return [found] if found.is_stable else []
+
     def loaded_inverse_kinematics(self, position: Sequence[Any], wrench: Sequence[Any]) -> LoadedEquilibrium:
         """Lengths of the struts that hold the centroid at a position under a wrench; followed from no wrench.
 
@@ -181,7 +123,7 @@ class SpatialPrism(PrismKinematics):
         Raises:
             ValueError: z = 0, or a number is not finite.
         """
-        self.inverse_kinematics(tuple(np.asarray(component, float) for component in position))
+        self.unloaded_lengths(tuple(np.asarray(component, float) for component in position))
         return self._followed(position, wrench, False, 1)
 
     def held(
@@ -273,10 +215,13 @@ def _with(followed: tuple[np.ndarray, np.ndarray], load: np.ndarray) -> tuple[np
     return w, fraction * load, fraction
 
 
-def _check_not_flat(pose: Pose) -> None:
-    if is_symbol(*pose.struts[0]):
-        return
-    first, second, third = pose.struts
-    volume = dot(first, cross(second, third))
-    if not np.all(np.abs(plain(volume)) > 0):
-        raise ValueError("the struts lie in one plane (at rest: z = 0): their forces are not determined there")
+def _told(found: LoadedEquilibrium) -> Equilibrium:
+    """What every mechanism tells of an equilibrium."""
+
+    def words(is_stable: Any, fraction: Any) -> str:
+        return "stable" if is_stable else f"lost at {float(fraction):.6g} of the wrench, followed from rest"
+
+    single = np.ndim(found.fraction) == 0
+    flags, fractions = np.atleast_1d(found.is_stable), np.atleast_1d(found.fraction)
+    reasons = [words(*both) for both in zip(flags, fractions, strict=True)]
+    return Equilibrium(found.configuration, found.residual, found.is_stable, reasons[0] if single else reasons)

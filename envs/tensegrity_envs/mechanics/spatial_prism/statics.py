@@ -144,6 +144,23 @@ def moment_slope(pose: Pose, k: Component, rho: Components, inverse: Matrix, loc
     return rows[0], rows[1], rows[2]
 
 
+def moment_by_position(pose: Pose, k: Component, rho: Components, inverse: Matrix) -> tuple[Components, ...]:
+    """Derivatives of `moment` with respect to x, y and z of the centroid [N], the orientation kept: three columns.
+
+    The force densities change by (3 k - sum rho_i) times the column of the inverse of (h_1 h_2 h_3).
+    """
+    pull = 3 * k - (rho[0] + rho[1] + rho[2])
+    ahead = add(*(scale(rho[i], pose.arms[(i + 1) % 3]) for i in range(3)))
+    columns = []
+    for j, axis in enumerate(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))):
+        total = cross(ahead, axis)
+        for i in range(3):
+            lever = cross(pose.arms[(i + 1) % 3], subtract(pose.position, pose.base[i]))
+            total = add(total, scale(pull * inverse[i][j], lever))
+        columns.append(total)
+    return tuple(columns)
+
+
 def cable_tensions(pose: Pose, k: Component, rho: Components, force: Components, d: Component) -> Components:
     """Tensions [N] of the platform's edges p_1 p_2, p_2 p_3, p_3 p_1, a third of the force acting at every node.
 

@@ -86,7 +86,7 @@ class TwoXKinematics:
     def _xp(self, *components: Component) -> Any:
         return namespace_of(self._probe, *components)
 
-    def tip(self, q: Sequence[Component]) -> tuple[Component, Component]:
+    def tip(self, q: Sequence[Component], inputs: Sequence[Component] | None = None) -> tuple[Component, Component]:
         """Tip position (x, y) [m], [Muralidharan2022, Eq. 1]."""
         xp = self._xp(*q)
         return self._tip(self._joint(xp, q[0]), self._joint(xp, q[1]))
@@ -99,7 +99,9 @@ class TwoXKinematics:
             j1.r * j1.c + a * (cos_a1 + end_c) + j2.r * c12,
         )
 
-    def jacobian(self, q: Sequence[Component]) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
+    def jacobian(
+        self, q: Sequence[Component], inputs: Sequence[Component] | None = None, load: Sequence[Component] | None = None
+    ) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
         """d tip / d alpha [m/rad]: ((dx/da1, dx/da2), (dy/da1, dy/da2))."""
         xp = self._xp(*q)
         a1, a2 = q
@@ -118,7 +120,9 @@ class TwoXKinematics:
             ),
         )
 
-    def singularity(self, q: Sequence[Component]) -> Component:
+    def jacobian_determinant(
+        self, q: Sequence[Component], inputs: Sequence[Component] | None = None, load: Sequence[Component] | None = None
+    ) -> Component:
         """det J with respect to alpha [m2/rad2]; zero where the inverse solutions meet.
 
         Equal to [Muralidharan2022, Eq. 3] divided by 4 l_1 l_2, once the radical of its first term is read in alpha_1.
@@ -126,7 +130,9 @@ class TwoXKinematics:
         (xa, xb), (ya, yb) = self.jacobian(q)
         return xa * yb - xb * ya
 
-    def nodes(self, q: Sequence[Component]) -> dict[str, tuple[Component, Component]]:
+    def nodes(
+        self, q: Sequence[Component], inputs: Sequence[Component] | None = None
+    ) -> dict[str, tuple[Component, Component]]:
         """Positions (x, y) [m] of the nodes: Ai, Bi base left, right; Di, Ci top left, right of joint i; P tip."""
         xp = self._xp(*q)
         a1, a2 = q

@@ -96,7 +96,7 @@ class TwoX(TwoXStatics, TipStiffness):
             q = (a1, a2)
             _, stability, wrench = self.posture(q)
             state = "".join("U" if abs(alpha) < math.pi else "D" for alpha in q)
-            solutions.append(InverseSolution(q, state, self.singularity(q), stability, wrench, distance))
+            solutions.append(InverseSolution(q, state, self.jacobian_determinant(q), stability, wrench, distance))
         return solutions
 
     def inverse_kinematics_batch(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
