@@ -18,6 +18,7 @@ from PIL import Image as Picture
 from tensegrity_agents.analysis import ANALYSES, analyze, as_text, parse_design
 from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022, TwoX
 
+pytestmark = pytest.mark.xdist_group("analyze")  # what is drawn once, is drawn in one process
 ROOT = Path(__file__).parents[2]
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None

@@ -22,7 +22,11 @@ MECHANISMS = {
 }
 
 
-@pytest.fixture(scope="module", params=MECHANISMS)
+# Those of one mechanism are drawn once, in one process.
+GROUPS = [pytest.param(name, marks=pytest.mark.xdist_group(f"figures-{name}")) for name in MECHANISMS]
+
+
+@pytest.fixture(scope="module", params=GROUPS)
 def drawn(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
     figures = []

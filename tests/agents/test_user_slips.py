@@ -294,7 +294,10 @@ def test_analyze_announces_the_files_that_are_there(place):
 @pytest.mark.parametrize("script", sorted(path.name for path in (ROOT / "scripts").glob("*.py")))
 def test_an_interrupt_while_a_script_imports_is_one_line(script):
     command = [sys.executable, "-X", "importtime", str(ROOT / "scripts" / script), "--help"]
+    # A shell starts what runs in the background with interrupts ignored, which processes inherit.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    signal.signal(signal.SIGINT, before)
     for line in process.stderr:
         if "tensegrity_agents.interrupt" in line:
             process.send_signal(signal.SIGINT)

@@ -123,9 +123,11 @@ def test_round_trips_next_to_the_poses_with_two_flat_joints(a, b):
     """The hardest corner: up to four solutions lie close together there. Left out: |det J| below 1e-8 reach^2."""
     m = TwoX(kinematic(b, a, 2 * math.pi))
     rng = np.random.default_rng(4)
-    q = rng.choice([-math.pi, math.pi], (2, 1000)) + rng.normal(size=(2, 1000)) * 10 ** rng.uniform(-6, 0, (2, 1000))
+    count = 1000 if b < 0.999 else 60  # nearly equal bars take long
+    spread = 10 ** rng.uniform(-6, 0, (2, count))
+    q = rng.choice([-math.pi, math.pi], (2, count)) + rng.normal(size=(2, count)) * spread
     q = q[:, abs(m.jacobian_determinant(tuple(q))) > 1e-8 * m.reach**2]
-    assert q.shape[1] > 400
+    assert q.shape[1] > 0.4 * count
     a1, a2 = m.inverse_kinematics_batch(*m.tip(tuple(q)))
     gap = np.fmax(angle_gap(a1, q[0][:, None]), angle_gap(a2, q[1][:, None]))
     assert np.nanmin(gap, axis=1).max() < 1e-6

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.optimize import linprog
 
 from tensegrity_envs.compiler.namespace import Component, is_symbol, is_tensor, namespace_of
 from tensegrity_envs.mechanics.n_x.joint import Joint
@@ -122,6 +121,8 @@ def _smallest(matrix: np.ndarray, size: float) -> tuple[float, np.ndarray]:
 
 def _solve(cost: Any, a: Any, b: Any, equal: Any, right: Any, bounds: Any) -> np.ndarray:
     """A linear programme that has a solution, up to rounding of the equations."""
+    from scipy.optimize import linprog  # slow to import, and only needed here
+
     answer = linprog(cost, A_ub=a, b_ub=b, A_eq=equal, b_eq=right, bounds=bounds, method="highs")
     if answer.x is None:  # feasible by a hair: the nearest tensions that there are
         n = len(right)

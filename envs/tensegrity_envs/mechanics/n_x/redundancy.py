@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
 
 from tensegrity_envs.mechanics.n_x.inverse import last_joints, lengths
 from tensegrity_envs.mechanics.n_x.pair import beyond, solve_pair
@@ -168,6 +167,8 @@ def programme(
     arm: Any, q: np.ndarray, target: tuple[float, float], start: np.ndarray, objective: str, load: Any, limit: float
 ) -> np.ndarray:
     """A local optimum by SLSQP from a configuration (n,): the kinks of the objective are constraints."""
+    from scipy.optimize import minimize  # slow to import, and only needed here
+
     n, size = len(q), float(arm.reach)
     more = {"squares": 0, "sum": n, "max": 1, "margin": 1}[objective]
     eye = np.eye(n)

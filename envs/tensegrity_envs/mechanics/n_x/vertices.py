@@ -9,7 +9,6 @@ from itertools import combinations, product
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 
 def vertices(table: np.ndarray, moments: np.ndarray, low: float, high: float) -> np.ndarray:
@@ -35,6 +34,8 @@ def extreme_stiffness(
     arm: Any, q: tuple[float, ...], load: Any, direction: Any
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Tensions of the least and of the greatest stiffness of the tip, see `TipStiffness`."""
+    from scipy.optimize import minimize  # slow to import, and only needed here
+
     low, high = float(arm.design.min_tension), float(arm.design.max_tension)
     table, moments = np.array(arm.torque_matrix(q)), np.array(arm.passive_gradient(q, load))
     start = arm.stiffest_tensions(q, load)

@@ -5,8 +5,6 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
-from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from tensegrity_envs.mechanics.n_x.zonotope import facet_normals
 
@@ -62,6 +60,9 @@ def tip_force_polygon(zonotope: Zonotope, torque: np.ndarray, jacobian: np.ndarr
         ValueError: the set is not bounded: the tip of one joint, or of a singular posture, can carry any force in some
             direction.
     """
+    from scipy.optimize import linprog  # slow to import, and only needed here
+    from scipy.spatial import ConvexHull, HalfspaceIntersection  # slow to import, and only needed here
+
     normals, offsets = zonotope.halfspaces()
     rows, right = -normals @ jacobian.T, offsets - normals @ torque
     if np.linalg.svd(jacobian, compute_uv=False)[-1] < 1e-9 * np.abs(jacobian).max() or len(torque) < 2:
