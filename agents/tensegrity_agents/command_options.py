@@ -27,6 +27,7 @@ EnvOfConfig = Annotated[
         help="take the config in configs/ for this id, such as TwoXTensionReach-v0", show_default="TwoXReach-v0"
     ),
 ]
+EnvArgument = Annotated[str | None, typer.Argument(help="the same as --env", show_default=False)]
 Out = Annotated[
     Path | None,
     typer.Option(
@@ -160,6 +161,7 @@ class EnvironmentOptions:
 class ExperimentOptions:
     """The options that choose an experiment and the folder of its results."""
 
+    environment: EnvArgument = None
     config: Config = None
     env: EnvOfConfig = None
     out: Out = None
@@ -179,7 +181,9 @@ class ExperimentOptions:
         changes = {name: value for name, value in changes.items() if value is not None} | options.parsed()
         if self.seeds is not None:
             changes["seeds"] = parse_seeds(self.seeds)
-        experiment = find_experiment(self.config, self.env)
+        if self.environment is not None and self.env is not None:
+            raise ConfigError(f"{self.environment} and --env {self.env}: give one of them")
+        experiment = find_experiment(self.config, self.environment or self.env)
         if more := changes.pop("more_controllers", None):
             changes["controllers"] = list(dict.fromkeys([*experiment.compared, *more]))
         experiment = experiment.changed(**changes)

@@ -52,6 +52,22 @@ def test_list_tells_every_environment():
     assert run("list")[0] == 0
 
 
+def without_mujoco(*words):
+    """The program where MuJoCo is not installed."""
+    code = (
+        "import importlib.util as u, sys; f = u.find_spec; sys.modules['mujoco'] = None; "
+        f"u.find_spec = lambda n, *a: None if n == 'mujoco' else f(n, *a); sys.argv[1:] = {list(words)}; {PROGRAM}"
+    )
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.full
+def test_without_mujoco_the_rest_is_compiled():
+    shown = without_mujoco("compile")
+    assert shown.returncode == 0, shown.stderr
+    assert "dynamic environments are left out" in shown.stdout
+
+
 @pytest.mark.parametrize(
     ("arguments", "answer"),
     [
@@ -63,6 +79,8 @@ def test_list_tells_every_environment():
         ("watch TwoXReach-v0 --policy {here} --record {here}/film.gif", "policy.safetensors"),
         ("compile TwoX", "did you mean"),
         ("play TwoX", "did you mean"),
+        ("compare TwoXReach", "did you mean tensegrity/TwoXReach-v0"),
+        ("train TwoXReach-v0 --env TwoXReach-v0", "give one of them"),
     ],
 )
 def test_a_slip_is_one_message(arguments, answer, tmp_path):

@@ -1,17 +1,19 @@
 """Compile environments ahead of use."""
 
+from importlib.util import find_spec
 from typing import Annotated
 
+import gymnasium as gym
 import typer
 
 from tensegrity_agents.config import known_env
 from tensegrity_agents.console import clear_errors, say
-from tensegrity_envs import compile_all
+from tensegrity_envs import ENV_IDS, compile_all
 
 
 def main(
     env: Annotated[
-        list[str] | None, typer.Argument(help="ids, such as TwoXReach-v0", show_default="all of them")
+        list[str] | None, typer.Argument(help="ids, such as TwoXReach-v0", show_default="all that can be made")
     ] = None,
 ) -> None:
     """Compile what environments need, and keep it in the cache (see TENSEGRITY_CACHE_DIR).
@@ -19,4 +21,8 @@ def main(
     Example: tensegrity compile TwoXReach-v0
     """
     with clear_errors("run the same command again; what was compiled is kept"):
-        compile_all([known_env(name) for name in env] if env else None, progress=say)
+        wanted = [known_env(name) for name in env] if env else list(ENV_IDS)
+        if not env and find_spec("mujoco") is None:
+            wanted = [env_id for env_id in ENV_IDS if gym.spec(env_id).kwargs.get("backend") != "mujoco"]
+            say("without MuJoCo (the extra mujoco), dynamic environments are left out")
+        compile_all(wanted, progress=say)
