@@ -35,6 +35,7 @@ LAYERS = [
     "vector_env",
     "registration",
     "warming",
+    "program",
 ]
 AGENTS = ROOT / "agents" / "tensegrity_agents"
 # The same of the agents.
@@ -190,3 +191,14 @@ def test_agents_without_their_extra_say_what_to_install():
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "tensegrity-envs[agents]" in shown.stderr
     assert "torch" in shown.stderr
+
+
+def test_the_program_without_the_agents_says_what_to_install():
+    code = (
+        "import importlib.util as u; f = u.find_spec; "
+        "u.find_spec = lambda n, *a: None if n in ('torch', 'stable_baselines3') else f(n, *a); "
+        "from tensegrity_envs.program import run; run()"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (shown.returncode, shown.stderr.count("\n")) == (1, 1)
+    assert "pip install 'tensegrity-envs[agents]'" in shown.stderr

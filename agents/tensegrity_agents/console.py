@@ -74,8 +74,12 @@ def clear_errors(after_interrupt: str = AGAIN) -> Iterator[None]:
     as_usual()
     try:
         yield
-    # Config and policy errors are ValueErrors; an ImportError says which extra is missing.
-    except (TrainingError, ValueError, ImportError, DisplayError) as error:
+    except ImportError as error:
+        if error.name != "mujoco":  # which an extra brings; anything else is a fault of ours
+            raise
+        _fail(str(error))
+        raise typer.Exit(2) from error
+    except (TrainingError, ValueError, DisplayError) as error:  # config and policy errors are ValueErrors
         _fail(str(error))
         raise typer.Exit(2) from error
     except OSError as error:
