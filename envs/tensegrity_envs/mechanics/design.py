@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -63,26 +63,35 @@ def take(design: D, index: Any) -> D:
     return part
 
 
+Kind = Literal["bar", "strut", "spring", "cable", "actuator", "torsional spring"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+
 @dataclass(frozen=True)
 class Member:
-    """A straight member between two named nodes.
+    """A straight member between two named nodes, or a torsional spring between two directions from a pivot.
 
     Attributes:
         name: unique within the mechanism.
-        kind: "bar" (rigid), "spring" (zero or given free length), "cable" (a tension input) or "actuator" (a rigid bar
-            whose length is an input).
-        nodes: the names of its two end nodes; of a cable, of the first span.
-        stiffness: [N/m], of a spring.
+        kind: "bar" (rigid), "strut" (rigid, and meant to be compressed only), "spring" (zero or given free length),
+            "cable" (a tension input, or an edge that keeps its length), "actuator" (prismatic: rigid, its length is an
+            input) or "torsional spring" (in a plane).
+        nodes: the names of its two end nodes; of a cable, of the first span; of a torsional spring, of the nodes whose
+            directions from the pivot it joins.
+        stiffness: [N/m], of a spring; [N m/rad], of a torsional spring.
         free_length: [m], of a spring.
         is_input: of a spring: its free length is an input, the next one in the mechanism's order.
         goes_slack: of a spring: it pulls only (a sprung cable), without force below its free length.
-        mass: [kg], of a bar, uniform along its length.
-        radius: [m], of a bar.
+        mass: [kg], of a bar or a strut, uniform along its length.
+        radius: [m], of a bar or a strut.
         more_spans: of a cable that spans several gaps, with constant lengths between them: the end nodes of the others.
+        keeps_length: of a cable: it is an edge of a rigid body, and takes no input.
+        pivot: of a torsional spring: the node about which it turns.
+        free_angle: of a torsional spring: [rad], from the first node to the second one, counter-clockwise.
     """
 
     name: str
-    kind: Literal["bar", "spring", "cable", "actuator"]
+    kind: Kind
     nodes: tuple[str, str]
     stiffness: float = 0.0
     free_length: float = 0.0
@@ -91,8 +100,32 @@ class Member:
     mass: float = 0.0
     radius: float = 0.0
     more_spans: tuple[tuple[str, str], ...] = ()
+    keeps_length: bool = False
+    pivot: str | None = None
+    free_angle: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            ValueError: there is no such kind, or a torsional spring has no pivot, or another member has one.
+        """
+        if self.kind not in KINDS:
+            raise ValueError(f"{self.name}: kind = {self.kind!r}: must be one of {', '.join(map(repr, KINDS))}")
+        if (self.kind == "torsional spring") != (self.pivot is not None):
+            raise ValueError(f"{self.name}: pivot = {self.pivot!r}: the name of a node, of a torsional spring alone")
 
     @property
     def spans(self) -> tuple[tuple[str, str], ...]:
         """The pairs of nodes between which it lies; its length is the sum of their distances."""
         return (self.nodes, *self.more_spans)
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether it is a bar or a strut."""
+        return self.kind in ("bar", "strut")
+
+    @property
+    def takes_input(self) -> bool:
+        """Whether its tension, its length or its free length is an input, the next one in the mechanism's order."""
+        return self.is_input or (self.kind in ("cable", "actuator") and not self.keeps_length)

@@ -13,6 +13,7 @@ from tensegrity_envs.rendering.scene import Point, Scene, View
 
 _TRACE_LENGTH = 200  # positions
 _COILS = 9  # turning points of a spring
+_SPIRAL = 40  # points of a torsional spring
 
 
 def draw_mechanism(canvas: Canvas, scene: Scene) -> None:
@@ -29,7 +30,7 @@ def draw_mechanism(canvas: Canvas, scene: Scene) -> None:
         canvas.line(start, end, 2.2 * view.unit, mix(TIP, 0.1 + 0.6 * (i + 1) / len(trace)))
     ghost = scene.ghost or {}
     for member in scene.members:
-        if member.kind == "bar" and ghost:
+        if member.is_rigid and ghost:
             start, end = (view.pixel(ghost[name]) for name in member.nodes)
             canvas.line(start, end, 4.6 * u, mix(TARGET, 0.3))
     base = [nodes[name] for name in (list(nodes)[:2] if scene.base is None else scene.base)]
@@ -39,7 +40,7 @@ def draw_mechanism(canvas: Canvas, scene: Scene) -> None:
     if scene.faces:
         _draw_in_order(canvas, scene, nodes)
     for member in [] if scene.faces else scene.members:
-        if member.kind == "bar":
+        if member.is_rigid:
             start, end = (nodes[name] for name in member.nodes)
             canvas.line(along(start, end, 0.25), along(start, end, 0.75), 7 * u, PAPER)  # one bar is in front
             canvas.line(start, end, 4.6 * u, BAR)
@@ -49,6 +50,8 @@ def draw_mechanism(canvas: Canvas, scene: Scene) -> None:
             colour = FAINT if force is None else tension_colour(force, scene.tension_bounds)
             canvas.line(start, end, 2.4 * u, colour)
             canvas.line(start, along(start, end, 0.6), 6.5 * u, colour)
+        elif member.kind == "torsional spring":
+            _draw_torsional_spring(canvas, member, nodes, u)
     for member, start, end, lane in _lanes([] if scene.faces else scene.members, nodes):
         offset = 6 * u * lane
         if member.kind == "spring":
@@ -85,7 +88,9 @@ def _draw_in_order(canvas: Canvas, scene: Scene, nodes: Mapping[str, Point]) -> 
         start, end = (nodes[name] for name in member.nodes)
         force = scene.tensions.get(member.name)
         colour = FAINT if force is None else tension_colour(force, scene.tension_bounds)
-        if member.kind == "actuator":
+        if member.kind == "torsional spring":
+            _draw_torsional_spring(canvas, member, nodes, u)
+        elif member.kind == "actuator":
             middle = along(start, end, 0.55)
             canvas.line(start, end, 14 * u, PAPER)
             canvas.line(middle, end, 4.4 * u, colour)  # the rod, and below it the cylinder, as wide as it is dark
@@ -106,6 +111,20 @@ def _draw_in_order(canvas: Canvas, scene: Scene, nodes: Mapping[str, Point]) -> 
             canvas.polygon([canvas.view.pixel(corner) for corner in corners], colour, share)
 
 
+def _draw_torsional_spring(canvas: Canvas, member: Member, nodes: Mapping[str, Point], u: float) -> None:
+    """A spiral about the pivot, from the direction of the first node to that of the second one."""
+    x, y = nodes[member.pivot or ""]
+    first, second = (math.atan2(nodes[name][1] - y, nodes[name][0] - x) for name in member.nodes)
+    turn = math.remainder(second - first, 2 * math.pi)
+    turn += math.copysign(2 * math.pi, turn)  # once round, so that a small angle is seen, too
+    spiral = []
+    for i in range(_SPIRAL + 1):
+        share = i / _SPIRAL
+        angle, radius = first + share * turn, (7 + 6 * share) * u
+        spiral.append((x + radius * math.cos(angle), y + radius * math.sin(angle)))
+    canvas.path(spiral, 1.6 * u, SPRING)
+
+
 def _draw_load(canvas: Canvas, scene: Scene, tip: Point) -> None:
     """The force at the tip, as an arrow that begins there."""
     size = math.hypot(*scene.load)
@@ -123,7 +142,7 @@ def _draw_load(canvas: Canvas, scene: Scene, tip: Point) -> None:
 
 def _line_weight(view: View, scene: Scene, nodes: Mapping[str, Point]) -> float:
     """Thinner lines for mechanisms that are small in the picture, thicker ones for large bars."""
-    lengths = [math.dist(*(nodes[name] for name in member.nodes)) for member in scene.members if member.kind == "bar"]
+    lengths = [math.dist(*(nodes[name] for name in member.nodes)) for member in scene.members if member.is_rigid]
     shortest = min((length for length in lengths if length > 1e-6), default=24 * view.unit)
     return round(min(1.4, max(0.5, shortest / (24 * view.unit))), 3)
 
@@ -145,7 +164,7 @@ def _lanes(members: Sequence[Member], nodes: Mapping[str, Point]) -> Iterator[tu
 
     They lie on the side away from where most bars at the two nodes lead, clear of those bars: cables inside.
     """
-    bars = [ends for member in members if member.kind == "bar" for ends in (member.nodes, member.nodes[::-1])]
+    bars = [ends for member in members if member.is_rigid for ends in (member.nodes, member.nodes[::-1])]
     soft = [member for kind in ("cable", "spring") for member in members if member.kind == kind]
     for member in soft:
         abreast = [other for other in soft if set(other.nodes) == set(member.nodes)]

@@ -50,7 +50,7 @@ class PrismKinematics:
         """Springs, struts (actuators) and the platform's cables; the base is fixed."""
         springs = [Member(f"spring {i}", "spring", (f"B{i}", f"P{i}"), stiffness=self.design.k) for i in (1, 2, 3)]
         struts = [Member(f"strut {i}", "actuator", (f"B{i}", f"P{i % 3 + 1}")) for i in (1, 2, 3)]
-        cables = [Member(f"cable {i}", "cable", (f"P{i}", f"P{i % 3 + 1}")) for i in (1, 2, 3)]
+        cables = [Member(f"cable {i}", "cable", (f"P{i}", f"P{i % 3 + 1}"), keeps_length=True) for i in (1, 2, 3)]
         return (*springs, *struts, *cables)
 
     def nodes(self, q: Sequence[Component], lengths: Sequence[Component] | None = None) -> dict[str, Components]:

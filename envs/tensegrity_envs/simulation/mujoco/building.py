@@ -38,7 +38,7 @@ def _point(z: Any, depth: float = 0.0) -> list[float]:
 
 def input_members(members: tuple[Member, ...]) -> list[Member]:
     """Cables, springs and actuators whose tensions, free lengths and lengths are the inputs, in their order."""
-    return [member for member in members if member.kind in ("cable", "actuator") or member.is_input]
+    return [member for member in members if member.takes_input]
 
 
 def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics, textures: bool = True) -> mujoco.MjSpec:
@@ -51,15 +51,21 @@ def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics, textu
         textures: of wall and sky, 0.8 MB in each model; what is only simulated needs none.
 
     Raises:
-        ValueError: prismatic actuators are to lag, or are too fast for the time step.
+        ValueError: there is a torsional spring, or prismatic actuators are to lag, or are too fast for the time step.
     """
     design = mechanism.design
     members = mechanism.members
+    for member in members:
+        if member.kind == "torsional spring":
+            raise ValueError(
+                f"{member.name}: MuJoCo models are built of bars, struts, springs, cables and prismatic actuators; "
+                "a torsional spring is not among them"
+            )
     spec = mujoco.MjSpec()
     spec.modelname = type(mechanism).__name__
     payload = getattr(design, "payload", None)
     _set_options(spec, dynamics, getattr(design, "gravity", 0.0))
-    radius = max((m.radius for m in members if m.kind == "bar"), default=0.0) or 0.008 * linkage.extent
+    radius = max((m.radius for m in members if m.is_rigid), default=0.0) or 0.008 * linkage.extent
     _add_looks(spec, linkage.extent, textures)
     if isinstance(linkage, Platform):
         add_view(spec, linkage.extent, textures)
@@ -78,7 +84,7 @@ def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics, textu
         assert isinstance(linkage, Linkage)
         _add_loop(spec, linkage, bodies, loop, dynamics.timestep)
     for member in members:
-        if member.kind != "bar":
+        if not member.is_rigid:
             _add_tendon(spec, linkage, bodies, member, radius)
     for member in input_members(members):
         _add_actuator(spec, mechanism, member, linkage.length, dynamics)

@@ -142,7 +142,7 @@ class Linkage:
         found: dict[tuple[str, ...], list[Member]] = {ground: []}
         for member in self.mechanism.members:
             first, second = (nodes[name] for name in member.nodes)
-            if member.kind != "bar" or abs(second - first).max() < _SAME * self.length:
+            if not member.is_rigid or abs(second - first).max() < _SAME * self.length:
                 continue
             if all(name in ground for name in member.nodes):
                 found[ground].append(member)

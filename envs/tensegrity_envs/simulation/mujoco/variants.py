@@ -56,8 +56,8 @@ def variant_of(simulator: Simulator, mechanism: Any, dynamics: Dynamics) -> Any:
 
 
 def _scale_masses(simulator: Simulator, model: Any, members: Sequence[Any], dynamics: Dynamics) -> None:
-    own = [bar.mass for bar in simulator.mechanism.members if bar.kind == "bar"]
-    new = [bar.mass for bar in members if bar.kind == "bar"]
+    own = [bar.mass for bar in simulator.mechanism.members if bar.is_rigid]
+    new = [bar.mass for bar in members if bar.is_rigid]
     if not own:  # a platform
         factor = dynamics.platform_mass / simulator.dynamics.platform_mass
         model.body_mass[:] *= factor
