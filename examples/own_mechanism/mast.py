@@ -102,7 +102,7 @@ class Mast:
 
     # -------------------------------------------------------------------------------------------------- kinematics
 
-    def nodes(self, q: Components) -> dict[str, tuple[Component, Component]]:
+    def nodes(self, q: Components, tensions: Components | None = None) -> dict[str, tuple[Component, Component]]:
         """The positions of all nodes [m]: ends of the ground L0 and R0, foot O, corners, E and P between them."""
         l, w = self.design.l, self.design.w
         x: Component = 0.0 * q[0]
@@ -116,18 +116,20 @@ class Mast:
             found |= {f"L{i}": (x - w * c, y + w * s), f"R{i}": (x + w * c, y - w * s), middle: (x, y)}
         return found
 
-    def tip(self, q: Components) -> Components:
+    def tip(self, q: Components, tensions: Components | None = None) -> Components:
         """The position of the tip [m]."""
         xp, l = namespace_of(*q), self.design.l
         return l * (xp.sin(q[0]) + xp.sin(q[0] + q[1])), l * (xp.cos(q[0]) + xp.cos(q[0] + q[1]))
 
-    def jacobian(self, q: Components) -> Matrix:
+    def jacobian(self, q: Components, tensions: Components | None = None, load: Components = NO_LOAD) -> Matrix:
         """The rows d x / d q and d y / d q of the tip [m/rad]."""
         xp, l = namespace_of(*q), self.design.l
         s1, c1, s12, c12 = xp.sin(q[0]), xp.cos(q[0]), xp.sin(q[0] + q[1]), xp.cos(q[0] + q[1])
         return (l * (c1 + c12), l * c12), (-l * (s1 + s12), -l * s12)
 
-    def jacobian_determinant(self, q: Components) -> Component:
+    def jacobian_determinant(
+        self, q: Components, tensions: Components | None = None, load: Components = NO_LOAD
+    ) -> Component:
         """The determinant of the Jacobian [m^2/rad^2]: zero where the mast is straight."""
         return -(self.design.l**2) * namespace_of(*q).sin(q[1])
 
