@@ -164,7 +164,7 @@ def test_what_is_wrong_with_a_design_is_named(field, value, kind):
 
 def test_what_is_wrong_with_a_call_is_named():
     arm = NX(THREE)
-    with pytest.raises(ValueError, match="tensions: 6 numbers expected, got 4"):
+    with pytest.raises(ValueError, match="tensions: 4 numbers, must be 6"):
         arm.equilibrium((1.0,) * 4, (0.0,) * 3)
     with pytest.raises(ValueError, match="up to three joints, not for 5"):
         NX(NXDesign.from_two_x(MURALIDHARAN2022, 5)).equilibria((1.0,) * 10)

@@ -323,7 +323,7 @@ def test_errors_say_what_would_work():
         PRISM.actuator_forces((0.1, 0.1, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="moment"):
         PRISM.cable_tensions((0.0, 0.0, 0.4, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0, 0.0, 1.0))
-    with pytest.raises(ValueError, match="wrench of 2"):
+    with pytest.raises(ValueError, match="wrench: 2 numbers, must be 3 or 6"):
         PRISM.loaded_equilibrium((0.8, 0.8, 0.8), (0.0, 1.0))
     with pytest.raises(ValueError, match=r"SpatialPrismDesign.k = -1"):
         SpatialPrismDesign(0.2, 0.5, -1.0)

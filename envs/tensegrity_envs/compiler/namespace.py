@@ -89,8 +89,13 @@ def _torch_namespace() -> SimpleNamespace:
 
 
 def namespace_of(*components: Component) -> Any:
-    """The namespace for these components: Torch if any is a tensor, NumPy if any is an array, else `math`."""
+    """The namespace for these components: Torch if any is a tensor, NumPy if any is an array, else `math`.
+
+    Raises:
+        TypeError: there are both tensors and arrays.
+    """
     found: Any = _SCALAR
+    tensor = False
     for component in components:
         kind = type(component)
         if kind is float or kind is int:
@@ -100,8 +105,15 @@ def namespace_of(*components: Component) -> Any:
         elif hasattr(kind, "namespace"):  # a symbol, or a number of a traced function; both have the same one
             return kind.namespace
         elif is_tensor(component):
-            return _torch_namespace()
-    return found
+            tensor = True
+    if not tensor:
+        return found
+    if found is np:
+        raise TypeError(
+            "NumPy arrays and Torch tensors are mixed: convert all of them to one kind, arrays by "
+            "torch.as_tensor(array) or tensors by tensor.numpy(); a batch of designs is of arrays"
+        )
+    return _torch_namespace()
 
 
 def is_symbol(*components: Component) -> bool:

@@ -44,7 +44,7 @@ def inverse_kinematics(arm: DualTriangleKinematics, x: float, y: float, *first: 
     check_finite("target", (x, y), 2)
     if arm.segments < 2:
         raise ValueError("inverse_kinematics: the tip of one segment has no two coordinates to choose")
-    check_finite("the first angles", first, arm.segments - 2)
+    check_finite("first", first, arm.segments - 2)
     wrist = arm.wrist((x, y), first)
     slop = 1e-13 * float(arm.link_lengths[-2] + arm.link_lengths[-1]) ** 2
     if wrist.stretch < -slop or wrist.folding < -slop:

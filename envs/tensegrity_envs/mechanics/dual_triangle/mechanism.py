@@ -19,7 +19,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, as_components, is_batch
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
-from tensegrity_envs.mechanics.checks import check_finite, check_single
+from tensegrity_envs.mechanics.checks import check_finite, check_single, sized
 from tensegrity_envs.mechanics.dual_triangle.branches import Branch, follow_load, heading_in_load
 from tensegrity_envs.mechanics.dual_triangle.inverse import InverseSolution, inverse_kinematics
 from tensegrity_envs.mechanics.dual_triangle.loads import (
@@ -37,6 +37,16 @@ from tensegrity_envs.mechanics.dual_triangle.statics import DualTriangleStatics
 _NO_LOAD = (0.0, 0.0)
 
 
+@sized(
+    q=(lambda arm: arm.segments, "q_1, ..., q_n"),
+    start=(lambda arm: arm.segments, "q_1, ..., q_n"),
+    first=(lambda arm: arm.segments - 2, "all angles but the last two"),
+    delta=(lambda arm: arm.segments, "delta_1, ..., delta_n"),
+    free_lengths=(lambda arm: 2 * arm.segments, "spring 1 and spring 2 of every segment"),
+    load=(2, "fx, fy"),
+    direction=(2, "x, y"),
+    target=(2, "x, y"),
+)
 class DualTriangle(DualTriangleStatics):
     """An arm of n segments of one design, or of a batch of designs.
 

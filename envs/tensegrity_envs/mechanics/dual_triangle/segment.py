@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
-from tensegrity_envs.mechanics.checks import check_finite, check_single
+from tensegrity_envs.mechanics.checks import check_finite, check_single, sized
 from tensegrity_envs.mechanics.dual_triangle import one_segment
 from tensegrity_envs.mechanics.dual_triangle.segment_statics import SegmentStatics
 
@@ -18,6 +18,7 @@ class Fold(NamedTuple):
     angle: float
 
 
+@sized(free_lengths=(2, "spring 1, spring 2"))
 class DualTriangleSegment(SegmentStatics):
     """The statics of one segment of a design, or of a batch of designs.
 

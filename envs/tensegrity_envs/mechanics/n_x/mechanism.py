@@ -14,7 +14,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, as_components
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
-from tensegrity_envs.mechanics.checks import check_finite, check_single
+from tensegrity_envs.mechanics.checks import check_finite, check_single, sized
 from tensegrity_envs.mechanics.eigenvalues import smallest_eigenvalue
 from tensegrity_envs.mechanics.n_x import buckling, inverse, programmes, redundancy, statics, tensions, wrenches
 from tensegrity_envs.mechanics.n_x.chain import NO_LOAD, Chain, symmetric
@@ -26,6 +26,14 @@ from tensegrity_envs.mechanics.stiffness import TipStiffness
 _CELLS = (32, 32, 16)  # along each joint, with which the search for all equilibria begins
 
 
+@sized(
+    q=(lambda arm: arm.degrees_of_freedom, "alpha_1, ..., alpha_n"),
+    start=(lambda arm: arm.degrees_of_freedom, "alpha_1, ..., alpha_n"),
+    u=(lambda arm: arm.degrees_of_freedom, "u_1, ..., u_n"),
+    tensions=(lambda arm: len(arm.routing), "one for each cable"),
+    load=(2, "fx, fy"),
+    direction=(2, "x, y"),
+)
 class NX(Chain, TipStiffness):
     """The n-X manipulator of one design, or of a batch of designs.
 

@@ -159,8 +159,6 @@ class FourBarKinematics:
 
     def check_lengths(self, lengths: Sequence[Component]) -> None:
         """Raise ValueError unless these are two finite actuator lengths within [0, 2 L]."""
-        if len(lengths) != 2:
-            raise ValueError(f"lengths = {lengths!r}: two numbers are expected, (rho1, rho2) [m]")
         for name, value in zip(self.input_names, lengths, strict=True):
             array = np.asarray(detached(value), float)
             if not np.all(np.isfinite(array) & (array >= 0) & (array <= 2 * np.asarray(self.length))):

@@ -20,6 +20,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, as_components, is_symbol
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
+from tensegrity_envs.mechanics.checks import sized
 from tensegrity_envs.mechanics.planar_four_bar import equilibria as _equilibria
 from tensegrity_envs.mechanics.planar_four_bar import inverse as _inverse
 from tensegrity_envs.mechanics.planar_four_bar import snapping as _snapping
@@ -27,6 +28,13 @@ from tensegrity_envs.mechanics.planar_four_bar.kinematics import Point
 from tensegrity_envs.mechanics.planar_four_bar.statics import NO_LOAD, FourBarStatics
 
 
+@sized(
+    q=(2, "theta, gamma"),
+    start=(2, "theta, gamma"),
+    lengths=(2, "rho1, rho2"),
+    load=(2, "fx, fy"),
+    direction=(2, "x, y"),
+)
 class PlanarFourBar(FourBarStatics):
     """A mechanism of one design, or of a batch of designs.
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.mechanics.checks import check_count, check_finite
+from tensegrity_envs.mechanics.checks import check_count, check_finite, sized
 from tensegrity_envs.mechanics.equilibrium import Equilibrium
 from tensegrity_envs.mechanics.spatial_prism import statics
 from tensegrity_envs.mechanics.spatial_prism.forces import PrismStatics
@@ -42,6 +42,15 @@ _ANGLES = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
 _NO_WRENCH = (0.0, 0.0, 0.0)
 
 
+@sized(
+    q=(6, "x, y, z, w1, w2, w3"),
+    w=(3, "w1, w2, w3"),
+    position=(3, "x, y, z"),
+    lengths=(3, "of the struts 1, 2, 3"),
+    wrench=((3, 6), "fx, fy, fz, or with a moment fx, fy, fz, mx, my, mz"),
+    force=(3, "fx, fy, fz"),
+    direction=(3, "x, y, z"),
+)
 class SpatialPrism(PrismStatics):
     """A spatial prism, or a batch of them. Components are floats, NumPy arrays or Torch tensors."""
 
@@ -188,8 +197,6 @@ class SpatialPrism(PrismStatics):
     def _problem(
         self, known: Sequence[Any], wrench: Sequence[Any], locked: bool, sheet: Any
     ) -> tuple[Problem, np.ndarray]:
-        if len(wrench) not in (3, 6):
-            raise ValueError(f"wrench of {len(wrench)} components: must be (fx, fy, fz), or with a moment, six")
         parts = [np.asarray(value, float) for value in (*known, *wrench, sheet)]
         values = np.stack(np.broadcast_arrays(np.zeros(1), *parts))[1:]
         if not np.isfinite(values).all():

@@ -19,7 +19,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, as_components, is_batch
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
-from tensegrity_envs.mechanics.checks import check_finite
+from tensegrity_envs.mechanics.checks import check_finite, sized
 from tensegrity_envs.mechanics.stiffness import TipStiffness
 from tensegrity_envs.mechanics.two_x import inverse as _inverse
 from tensegrity_envs.mechanics.two_x.inverse import InverseSolution, solve
@@ -28,6 +28,14 @@ from tensegrity_envs.mechanics.two_x.statics import TwoXStatics
 _NO_LOAD = (0.0, 0.0)
 
 
+@sized(
+    q=(2, "alpha_1, alpha_2"),
+    start=(2, "alpha_1, alpha_2"),
+    u=(2, "u_1, u_2"),
+    tensions=(4, ", ".join(TwoXStatics.input_names)),
+    load=(2, "fx, fy"),
+    direction=(2, "x, y"),
+)
 class TwoX(TwoXStatics, TipStiffness):
     """The 2-X manipulator of one design, or of a batch of designs.
 
