@@ -94,7 +94,7 @@ def _checked(method: Callable[..., Any], places: Sequence[tuple[int, str, Any, s
             values = args[place] if place < len(args) else kwargs.get(name)
             if values is not None:
                 check_count(name, values, *(count if isinstance(count, tuple) else (count(self),)), names=names)
-                components += values
+                components.extend(values)
         namespace_of(*components)
         return method(self, *args, **kwargs)
 
