@@ -43,6 +43,7 @@ _NO_LOAD = (0.0, 0.0)
     first=(lambda arm: arm.segments - 2, "all angles but the last two"),
     delta=(lambda arm: arm.segments, "delta_1, ..., delta_n"),
     free_lengths=(lambda arm: 2 * arm.segments, "spring 1 and spring 2 of every segment"),
+    inputs=(lambda arm: 2 * arm.segments, "spring 1 and spring 2 of every segment"),
     load=(2, "fx, fy"),
     direction=(2, "x, y"),
     target=(2, "x, y"),

@@ -31,6 +31,7 @@ _CELLS = (32, 32, 16)  # along each joint, with which the search for all equilib
     start=(lambda arm: arm.degrees_of_freedom, "alpha_1, ..., alpha_n"),
     u=(lambda arm: arm.degrees_of_freedom, "u_1, ..., u_n"),
     tensions=(lambda arm: len(arm.routing), "one for each cable"),
+    inputs=(lambda arm: len(arm.routing), "one for each cable"),
     load=(2, "fx, fy"),
     direction=(2, "x, y"),
 )

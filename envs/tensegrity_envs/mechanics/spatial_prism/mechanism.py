@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.mechanics.checks import check_count, check_finite, sized
+from tensegrity_envs.mechanics.checks import check_finite, sized
 from tensegrity_envs.mechanics.equilibrium import Equilibrium
 from tensegrity_envs.mechanics.spatial_prism import statics
 from tensegrity_envs.mechanics.spatial_prism.forces import PrismStatics
@@ -44,6 +44,7 @@ _NO_WRENCH = (0.0, 0.0, 0.0)
 
 @sized(
     q=(6, "x, y, z, w1, w2, w3"),
+    start=(6, "x, y, z, w1, w2, w3"),
     w=(3, "w1, w2, w3"),
     position=(3, "x, y, z"),
     lengths=(3, "of the struts 1, 2, 3"),
@@ -86,7 +87,6 @@ class SpatialPrism(PrismStatics):
         Raises:
             ValueError: start is on the plane z = 0, or see `loaded_equilibrium`.
         """
-        check_count("start", start, 6)
         sheet = np.sign(np.asarray(start[2], float))
         if not np.all(np.abs(sheet) == 1):
             raise ValueError(f"start = {start!r}: z must be above or below 0, where the prism is singular")

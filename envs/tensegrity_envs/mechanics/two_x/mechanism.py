@@ -33,6 +33,7 @@ _NO_LOAD = (0.0, 0.0)
     start=(2, "alpha_1, alpha_2"),
     u=(2, "u_1, u_2"),
     tensions=(4, ", ".join(TwoXStatics.input_names)),
+    inputs=(4, ", ".join(TwoXStatics.input_names)),
     load=(2, "fx, fy"),
     direction=(2, "x, y"),
 )
