@@ -409,7 +409,7 @@ def test_calls_that_make_no_sense():
         DualTriangle(segments=0)
     with pytest.raises(TypeError, match=r"segments = 2\.5"):
         DualTriangle(segments=2.5)
-    with pytest.raises(ValueError, match="6 numbers"):
+    with pytest.raises(ValueError, match="must be 6"):
         arm.equilibria(lengths[:5])
     with pytest.raises(ValueError, match="direction"):
         arm.critical_load(STRAIGHT, (0.0, 0.0))

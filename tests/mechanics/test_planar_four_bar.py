@@ -546,7 +546,7 @@ def test_bad_input_is_named():
             ARM.forward_kinematics(lengths, 1)
         with pytest.raises(ValueError, match="rho1"):
             ARM.equilibria(lengths)
-    with pytest.raises(ValueError, match="two numbers"):
+    with pytest.raises(ValueError, match="must be 2"):
         ARM.forward_kinematics((1.0, 2.0, 3.0), 1)
     with pytest.raises(ValueError, match="collinear"):
         ARM.forward_kinematics((18.0, 19.0), 1)

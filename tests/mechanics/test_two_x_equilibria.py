@@ -308,9 +308,9 @@ def test_settling_from_what_is_not_a_number(bad):
         m.equilibrium((20.0,) * 4, (0.0, bad))
     with pytest.raises(ValueError, match="load"):
         m.equilibrium((20.0,) * 4, (0.0, 0.0), (bad, 0.0))
-    with pytest.raises(ValueError, match="4 numbers"):
+    with pytest.raises(ValueError, match="must be 4"):
         m.equilibrium((20.0,) * 3, (0.0, 0.0))
-    with pytest.raises(ValueError, match="2 numbers"):
+    with pytest.raises(ValueError, match="must be 2"):
         m.equilibrium((20.0,) * 4, (0.0,))
     with pytest.raises(ValueError, match="tensions"):
         m.equilibria((20.0, 20.0, 20.0, bad))
