@@ -27,19 +27,7 @@ class InverseSolution(NamedTuple):
 
 
 def inverse_kinematics(arm: DualTriangleKinematics, x: float, y: float, *first: float) -> list[InverseSolution]:
-    """All configurations with the given first n - 2 angles whose tip is at (x, y) [m], [Zhao2021, Eq. 7].
-
-    The two-link inverse in closed form, for three segments given q1: with (u, v) the target seen from pivot n - 1,
-    cos q_n = (u^2 + v^2 - l^2 - b2^2) / (2 l b2), l = b1 + b2. The print has atan for atan2 and lost its
-    parentheses; its "5 b^2" is right. Solutions beyond the joint limits are given too, and marked.
-
-    Returns:
-        Two solutions, elbow +1 first, one where both are the same, none where the target is out of reach.
-
-    Raises:
-        ValueError: a number is not finite, there are not n - 2 angles, the arm has one segment only, or it is a
-            batch of designs.
-    """
+    """The solutions and their order: see `DualTriangle.inverse_kinematics`."""
     check_single(arm._probe, "inverse_kinematics")
     check_finite("target", (x, y), 2)
     if arm.segments < 2:
