@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_envs.compiler.namespace import Components
-from tensegrity_envs.core import Core, Infos
+from tensegrity_envs.core import Core
 from tensegrity_envs.environments import core_of
 from tensegrity_envs.episodes import EpisodeQueue, checked_options, episodes_ahead
+from tensegrity_envs.relabelling import Infos
 from tensegrity_envs.rendering import Scene, Viewer, checked_size, draw
 from tensegrity_envs.seeding import checked_episode, checked_seed
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State, termination_reason

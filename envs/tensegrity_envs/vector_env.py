@@ -9,9 +9,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from tensegrity_envs import columns
+from tensegrity_envs.batch import InfoEntry
 from tensegrity_envs.compiler.pytree import empty_matrix
 from tensegrity_envs.compiler.threads import Threads
-from tensegrity_envs.core import Core, InfoEntry
+from tensegrity_envs.core import Core
 from tensegrity_envs.environments import core_of
 from tensegrity_envs.episodes import EpisodeQueue, checked_options, episodes_ahead
 from tensegrity_envs.rendering import checked_size

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs import columns
-from tensegrity_envs.core import InfoEntry
+from tensegrity_envs.batch import InfoEntry
 
 
 class InfoTable:

@@ -103,7 +103,7 @@ class Lifting:
         kind = type(value)
         if isinstance(value, type) or not hasattr(value, "__dict__"):
             return value
-        if not (dataclasses.is_dataclass(value) or kind.__module__.startswith(_PACKAGE)) or callable(value):
+        if not (dataclasses.is_dataclass(value) or _holds_numbers(kind)) or callable(value):
             return value
         if id(value) not in self._copies:
             copy = object.__new__(kind)
@@ -112,8 +112,12 @@ class Lifting:
         return self._copies[id(value)][1]
 
 
-_LAYERS = ("core", "environments", "mechanics", "observation", "simulation", "tasks")
-_PACKAGE = tuple(f"{__name__.split('.')[0]}.{layer}" for layer in _LAYERS)
+# Objects of this package, but not of the compiler, hold numbers that become data.
+_PACKAGE, _COMPILER = f"{__name__.split('.')[0]}.", f"{__package__}."
+
+
+def _holds_numbers(kind: type) -> bool:
+    return kind.__module__.startswith(_PACKAGE) and not kind.__module__.startswith(_COMPILER)
 
 
 def _same(a: float, b: float) -> bool:
