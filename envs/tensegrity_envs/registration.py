@@ -134,6 +134,32 @@ _NOMINAL = (
         {"payload_range": [0.0, 0.5], "observe": "tip_and_inputs"},
         400,
     ),
+    Entry(
+        "tensegrity/ThreeXReach-v0",
+        "arm of three X-joints, joint increments, stiffest feasible tensions",
+        "NXReach",
+        {"control": "joint"},
+    ),
+    Entry(
+        "tensegrity/ThreeXTensionReach-v0",
+        "arm of three X-joints, cable tension increments",
+        "NXReach",
+        {"control": "tension"},
+    ),
+    Entry(
+        "tensegrity/ThreeXPayloadReach-v0",
+        "arm of three X-joints, cable tension increments, unknown payload of 0 to 0.4 kg, only tip and tensions "
+        "observed",
+        "NXReach",
+        {"control": "tension", "payload_range": [0.0, 0.4], "observe": "tip_and_inputs"},
+    ),
+    Entry(
+        "tensegrity/ThreeXTensionReachMuJoCo-v0",
+        "arm of three X-joints with its dynamics, cable tension increments",
+        "NXReach",
+        {"control": "tension", "backend": "mujoco", "observe_velocities": True},
+        150,
+    ),
 )
 # Those of which there is an uncertain twin, at level 2.
 _UNCERTAIN = (

@@ -12,6 +12,8 @@ CASES = {
     "TwoXTensionReach": ((0.1, 0.45), (0.3, -0.2), ((0.9, 0.9), "no stable"), ((2.5, 2.5), "not stable")),
     "TwoXPayloadReach": ((0.1, 0.45), (0.3, -0.2), ((0.9, 0.9), "no stable"), ((2.5, 2.5), "not stable")),
     "TwoXTensionReachMuJoCo": ((0.1, 0.45), (0.3, -0.2), ((0.9, 0.9), "no stable"), ((2.5, 2.5), "not stable")),
+    "ThreeXReach": ((0.3, 0.7), (0.3, -0.2, 0.4), ((0.0, -0.9), "no stable"), ((0.0, 0.0, 2.9), "joint limits")),
+    "ThreeXTensionReach": ((0.3, 0.7), (0.3, -0.2, 0.4), ((0, -0.9), "no stable"), ((2.5,) * 3, "not stable")),
     "DualTriangleReach": ((0.2, 0.1), (0.3, -0.2, 0.1), ((0.9, 0.0), "out of reach"), ((3.0, 0, 0), "joint limits")),
     "DualTriangleReachMuJoCo": ((0.2, 0.1), (0.3, 0, 0.1), ((0.9, 0.0), "out of reach"), ((3, 0, 0), "joint limits")),
     "DualTrianglePush": ((0.28, 0.0), None, ((0.2, 0.1), "must be"), ((0.5, 0.5, 0.5), r"must be \(x, 0\)")),

@@ -6,7 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from tensegrity_agents.controllers import dual_triangle, planar_four_bar, spatial_prism, two_x
+from tensegrity_agents.controllers import dual_triangle, n_x, planar_four_bar, spatial_prism, two_x
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.dynamic_servo import RestingRamp
 from tensegrity_agents.controllers.planar_four_bar.dynamic import DampedFeedback, PlannedPath
@@ -61,6 +61,12 @@ BASELINES: dict[str, dict[str, Callable[[Core], Any]]] = {
         "observer": spatial_prism.Observer,
         "oracle": spatial_prism.Oracle,
     },
+    "NXReach": {
+        "closed_form_ik": n_x.ClosedFormIK,
+        "pseudo_inverse": n_x.PseudoInverse,
+        "observer": n_x.Observer,
+        "oracle": n_x.Oracle,
+    },
 }
 
 # The same of the dynamic environments: quasi-static controllers, led along ramps, shaped or damped.
@@ -91,6 +97,11 @@ DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
         "pseudo_inverse": partial(TrackingFeedback, base=spatial_prism.PseudoInverse),
         "oracle": partial(CurveTracking, base=spatial_prism.Oracle),
     },
+    "NXReach": {
+        "closed_form_ramp": partial(Ramp, base=n_x.ClosedFormIK),
+        "pseudo_inverse": partial(Feedback, base=n_x.PseudoInverse, slowed=0.1),
+        "oracle": partial(Ramp, base=n_x.Oracle),
+    },
 }
 
 
@@ -98,7 +109,10 @@ DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
 _OWN: dict[str, dict[str, Callable[[Core], Any]]] = {}
 
 # Those that only teach agents (sb3.teacher_student), beside the baselines, by the name of the arm.
-TEACHERS: dict[str, dict[str, Callable[[Core], Any]]] = {"TwoXReach": {"careful_oracle": two_x.CarefulOracle}}
+TEACHERS: dict[str, dict[str, Callable[[Core], Any]]] = {
+    "TwoXReach": {"careful_oracle": two_x.CarefulOracle},
+    "NXReach": {"careful_oracle": n_x.CarefulOracle},
+}
 
 
 def teachers_of(env_id: str) -> dict[str, Callable[[Core], Any]]:

@@ -5,6 +5,7 @@ from typing import Any
 
 from tensegrity_envs.core import Core
 from tensegrity_envs.environments.dual_triangle import DualTrianglePush, DualTriangleReach
+from tensegrity_envs.environments.n_x import NXReach
 from tensegrity_envs.environments.planar_four_bar import PlanarFourBarReach
 from tensegrity_envs.environments.spatial_prism import SpatialPrismTrack
 from tensegrity_envs.environments.two_x import TwoXPostureChange, TwoXReach
@@ -19,6 +20,7 @@ ARMS: dict[str, type[Core]] = {
         TwoXPostureChange,
         PlanarFourBarReach,
         SpatialPrismTrack,
+        NXReach,
     )
 }
 
@@ -26,6 +28,7 @@ __all__ = [
     "ARMS",
     "DualTrianglePush",
     "DualTriangleReach",
+    "NXReach",
     "PlanarFourBarReach",
     "SpatialPrismTrack",
     "TwoXPostureChange",

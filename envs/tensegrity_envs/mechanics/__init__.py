@@ -8,7 +8,7 @@ from tensegrity_envs.mechanics.dual_triangle import (
     DualTriangleSegment,
 )
 from tensegrity_envs.mechanics.equilibrium import Equilibrium
-from tensegrity_envs.mechanics.n_x import NX, NXDesign
+from tensegrity_envs.mechanics.n_x import NX, THREE_X, NXDesign
 from tensegrity_envs.mechanics.planar_four_bar import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.protocol import Mechanism
 from tensegrity_envs.mechanics.spatial_prism import JAHROMY, SpatialPrism, SpatialPrismDesign
@@ -23,6 +23,7 @@ __all__ = [
     "MECHANISMS",
     "MURALIDHARAN2022",
     "NX",
+    "THREE_X",
     "ZHAO2021_CAPTION",
     "ZHAO2021_TEXT",
     "DualTriangle",

@@ -6,6 +6,7 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, ZHAO2021_TEXT
+from tensegrity_envs.mechanics.n_x import THREE_X
 from tensegrity_envs.mechanics.planar_four_bar import JI2014
 from tensegrity_envs.mechanics.spatial_prism import JAHROMY
 from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022
@@ -19,6 +20,7 @@ PUBLISHED: dict[str, Any] = {
     "zhao2021_caption": ZHAO2021_CAPTION,
     "ji2014": JI2014,
     "jahromy": JAHROMY,
+    "three_x": THREE_X,
 }
 
 

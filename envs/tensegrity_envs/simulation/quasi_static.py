@@ -35,9 +35,11 @@ class JointControl:
     failure, and the arm stays where it was.
     """
 
-    action_size = 2
     rate = 0.1
     rate_unit = "rad"
+
+    def __init__(self, joints: int = 2) -> None:
+        self.action_size = joints
 
     def start(self, mechanism: TwoX, episode: Episode, q: Components, inputs: Components | None = None) -> State:
         """See `Simulation.start`; the cables always take the stiffest tensions."""
@@ -187,11 +189,13 @@ class InputControl(ABC):
 
 
 class TensionControl(InputControl):
-    """The 2-X, driven by increments of its four cable tensions."""
+    """Arms of X-joints, driven by increments of their cable tensions: of the 2-X four."""
 
-    action_size = 4
     rate = 15.0
     rate_unit = "N"
+
+    def __init__(self, cables: int = 4) -> None:
+        self.action_size = cables
 
     def bounds(self, mechanism: TwoX) -> tuple[Component, Component]:
         """Lowest and highest tension [N]."""

@@ -1,16 +1,15 @@
 """The analytic controllers that reach with the 2-X manipulator, and the information set of each."""
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, ragged
 from tensegrity_agents.controllers.two_x.planning import choose_solution, plan
-from tensegrity_agents.controllers.two_x.reading import configuration_from_tip, estimate_payload
+from tensegrity_agents.controllers.two_x.reading import Estimate, configuration_from_tip, estimate_payload
 from tensegrity_agents.controllers.two_x.tracking import joint_action, resolved_rate, tension_action
 from tensegrity_envs.core import Core
-from tensegrity_envs.mechanics import TwoX
 from tensegrity_envs.observation import DecodedObservation
 
 _ARRIVED = 1e-3  # [rad] from a waypoint to the next
@@ -20,11 +19,11 @@ class Memory(NamedTuple):
     """What a controller carries from step to step, for n environments.
 
     Attributes:
-        configuration: last known, (n, 2) [rad].
-        commanded: that the last command aimed at, (n, 2) [rad].
+        configuration: last known, (n, joints) [rad].
+        commanded: that the last command aimed at, (n, joints) [rad].
         payload: believed, (n,) [kg].
         integral: of the tip error, (n, 2) [m].
-        path: joint path of each environment, an object array (n,) of waypoints (k, 2) [rad].
+        path: joint path of each environment, an object array (n,) of waypoints (k, joints) [rad].
         leg: number of the next waypoint, (n,).
     """
 
@@ -45,7 +44,7 @@ class ReachController(AnalyticController[Memory]):
         core: of the environment.
     """
 
-    nominal: TwoX
+    nominal: Any
     clearance = 0.0  # [-] of paths, see `choose_solution`
 
     def __init__(self, core: Core) -> None:
@@ -61,7 +60,7 @@ class ReachController(AnalyticController[Memory]):
 
     def _believed(self, observed: DecodedObservation, index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Configuration, configuration that the present inputs stand for, and payload, when an episode begins."""
-        q = configuration_from_tip(self.nominal, observed, None)
+        q = self.configuration_of(observed, None)
         commanded = q
         if self.control == "tension":
             # The command that the tensions stand for: where the nominal arm would be under them.
@@ -69,21 +68,41 @@ class ReachController(AnalyticController[Memory]):
             commanded = np.where(np.asarray(rest.is_stable)[:, None], np.stack(rest.configuration, axis=1), q)
         return q, commanded, np.array(np.broadcast_to(np.asarray(self.nominal.design.payload, float), index.shape))
 
-    def _arm(self, payload: np.ndarray) -> TwoX:
+    def configuration_of(self, observed: DecodedObservation, near: np.ndarray | None) -> np.ndarray:
+        """See `configuration_from_tip`."""
+        return configuration_from_tip(self.nominal, observed, near)
+
+    def choose(self, model: Any, start: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of the solutions of each target the one to go to, and whether one can go straight; see `choose_solution`."""
+        return choose_solution(model, start, target, self.clearance)
+
+    def around(self, model: Any, start: np.ndarray, target: np.ndarray) -> list[np.ndarray]:
+        """A path where one cannot go straight, of one arm; see `plan`."""
+        return plan(model, start, target)
+
+    def resolved_rate(self, q: np.ndarray, wanted: np.ndarray, damping: float) -> np.ndarray:
+        """Joint steps for wanted tip steps; see `tracking.resolved_rate`."""
+        return resolved_rate(self.nominal, q, wanted, damping)
+
+    def estimate(self, observed: DecodedObservation) -> Estimate:
+        """Configuration and payload; see `estimate_payload`."""
+        return estimate_payload(self.nominal, observed)
+
+    def _arm(self, payload: np.ndarray) -> Any:
         """The arm as this controller believes it to be."""
         return self.nominal
 
-    def _paths(self, model: TwoX, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
-        """Waypoints (k, 2) for the episodes that begin: the chosen inverse solution."""
-        goal, _ = choose_solution(model, start, observed.target, self.clearance)
+    def _paths(self, model: Any, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
+        """Waypoints (k, joints) for the episodes that begin: the chosen inverse solution."""
+        goal, _ = self.choose(model, start, observed.target)
         return [point[None] for point in goal]
 
     def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
-        configuration = configuration_from_tip(self.nominal, observed, memory.configuration)
+        configuration = self.configuration_of(observed, memory.configuration)
         return self._move(observed, memory._replace(configuration=configuration))
 
     def next_waypoint(self, here: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
-        """The waypoints to go to from `here`, both (n, 2) [rad], and the memory in which those visited are passed."""
+        """The waypoints to go to from `here`, both (n, joints) [rad], and the memory where those visited are passed."""
         leg = memory.leg.copy()
         for i, path in enumerate(memory.path):
             while leg[i] < len(path) - 1 and np.abs(path[leg[i]] - here[i]).max() < _ARRIVED:
@@ -123,7 +142,7 @@ class PseudoInverse(ReachController):
     integral_gain = 0.05
     damping = 0.02  # [m/rad]
 
-    def _paths(self, model: TwoX, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
+    def _paths(self, model: Any, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
         return [point[None] for point in start]  # it follows none
 
     def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
@@ -132,7 +151,7 @@ class PseudoInverse(ReachController):
         close = np.hypot(*error.T)[:, None] < 0.05
         integral = np.where(close, memory.integral + error, 0.0)
         wanted = self.gain * error + self.integral_gain * integral
-        step = resolved_rate(self.nominal, memory.configuration, wanted, self.damping)
+        step = self.resolved_rate(memory.configuration, wanted, self.damping)
         memory = memory._replace(integral=integral)
         if self.control == "joint":
             return joint_action(memory.configuration, memory.configuration + step), memory
@@ -148,11 +167,11 @@ class Observer(ReachController):
     knows = "the nominal design; identifies the payload from tip and tensions"
 
     def _believed(self, observed: DecodedObservation, index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        estimate = estimate_payload(self.nominal, observed)
+        estimate = self.estimate(observed)
         return estimate.configuration, estimate.configuration, estimate.payload
 
-    def _arm(self, payload: np.ndarray) -> TwoX:
-        return TwoX(replace(self.nominal.design, payload=payload))
+    def _arm(self, payload: np.ndarray) -> Any:
+        return self.core.mechanism(replace(self.nominal.design, payload=payload))
 
 
 class Oracle(Observer):
@@ -166,11 +185,11 @@ class Oracle(Observer):
         payload = np.asarray(self.truth.design.payload, float)
         return configuration, commanded, payload[index] if payload.ndim else np.full(len(index), payload)
 
-    def _paths(self, model: TwoX, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
-        goal, straight = choose_solution(model, start, observed.target, self.clearance)
+    def _paths(self, model: Any, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
+        goal, straight = self.choose(model, start, observed.target)
         paths = [point[None] for point in goal]
         for i in np.flatnonzero(~straight):
-            around = plan(model.take(i), start[i], observed.target[i])
+            around = self.around(model.take(i), start[i], observed.target[i])
             if around:
                 paths[i] = np.array(around)
         return paths

@@ -9,7 +9,7 @@ from tensegrity_envs.compiler.namespace import Component, Components, to_single
 from tensegrity_envs.core import Core, Sampled
 from tensegrity_envs.environments.two_x.regions import TwoXRegions
 from tensegrity_envs.environments.two_x.sampling import Sampler, feasible_solutions
-from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX, TwoXDesign
+from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX
 from tensegrity_envs.observation import Field, arm_fields, inputs_field
 from tensegrity_envs.options import Options
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
@@ -21,7 +21,7 @@ JOINT_LIMIT = 2.6  # [rad] shared with the MuJoCo variants, where a loop could f
 CONTROLS = ("joint", "tension")
 
 
-def environment_design(design: TwoXDesign = MURALIDHARAN2022) -> TwoXDesign:
+def environment_design(design: Any = MURALIDHARAN2022) -> Any:
     """The design as the environments use it: joint limits of at most 2.6 rad."""
     return replace(design, joint_limit=min(design.joint_limit, JOINT_LIMIT))
 
@@ -45,8 +45,10 @@ class TwoXReach(TwoXRegions, Core):
         ImportError: backend = "mujoco", and MuJoCo is not installed.
     """
 
-    published = MURALIDHARAN2022
-    design: TwoXDesign
+    published: ClassVar[Any] = MURALIDHARAN2022
+    arm_name: ClassVar[str] = "2-X arm"
+    sampler_type: ClassVar[type[Sampler]] = Sampler
+    nominal: Any
     input_name = "tensions"
     hidden_info_keys = ("payload",)
     info_meanings: ClassVar[dict[str, tuple[str, str]]] = {"payload": ("kg", "payload at the tip")}
@@ -68,7 +70,7 @@ class TwoXReach(TwoXRegions, Core):
             )
         applicable = {"stiffness", "mass", "payload", "actuation_delay", "tip_noise", "angle_noise"}
         applicable |= {"damping"} if options.is_dynamic else set()
-        self.take_options(options, applicable, f"a {options.backend} 2-X arm")
+        self.take_options(options, applicable, f"a {options.backend} {self.arm_name}")
         if control != "tension" or payload_range is not None:
             self.randomizable -= {"payload"}
         if self.randomization.payload is not None:
@@ -81,33 +83,41 @@ class TwoXReach(TwoXRegions, Core):
             )
         self.control = control
         self.design = environment_design(self.design)
-        self.nominal = TwoX(self.design)
+        self.nominal = self.mechanism(self.design)
         self.reach = float(self.nominal.reach)
         if control == "joint":
-            self.simulation = JointControl()
+            self.simulation = JointControl(self.nominal.degrees_of_freedom)
         else:
-            self.set_simulation(TensionControl(), options, Dynamics())
+            self.set_simulation(TensionControl(len(self.nominal.input_names)), options, Dynamics())
         self.payload_range = payload_range
         self.task = self.task_type(
             input_scale=float(self.design.max_tension),
             joint_span=2 * self.design.joint_limit,
-            **options.scoring(self.default_weights, 0.005, self.nominal.reach / TwoX(environment_design()).reach),
+            **options.scoring(self.default_weights, 0.005, self.nominal.reach / self.mechanism(self.published).reach),
         )
-        self.sampler = Sampler(self.design, payload_range)
+        self.sampler = self.sampler_type(self.design, payload_range)
         self.set_spaces()
 
-    def mechanism(self, design: TwoXDesign) -> TwoX:
+    def mechanism(self, design: Any) -> Any:
         """See `Core.mechanism`."""
         return TwoX(design)
+
+    def solutions(
+        self, mechanism: Any, x: np.ndarray, y: np.ndarray, known: Components | None = None
+    ) -> tuple[Components, ...]:
+        """Configurations that solve the targets (x, y), for the dense reward; see `feasible_solutions`."""
+        return feasible_solutions(mechanism, x, y, known) if self.task.reward_type == "dense" else ()
+
+    def postures(self, mechanism: Any, x: np.ndarray, y: np.ndarray) -> tuple[Components, ...]:
+        """Stable, wrench-feasible configurations of a batch of one with the tip there; infinity where there is none."""
+        return feasible_solutions(mechanism, x, y)
 
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """See `Core.sample`."""
         random = self.randomization.sample(seed, episode)
         sampled = self.sampler.sample(seed, episode, self._randomized(random))
         x, y = (to_single(component) for component in sampled.mechanism.tip(sampled.target_configuration))
-        solutions: tuple[Components, ...] = ()
-        if self.task.reward_type == "dense":
-            solutions = feasible_solutions(sampled.mechanism, x, y, sampled.target_configuration)
+        solutions = self.solutions(sampled.mechanism, x, y, sampled.target_configuration)
         return Sampled(
             Episode(sampled.mechanism.design, (0.0, 0.0), (), (x, y), solutions, random),
             sampled.configuration,
@@ -116,34 +126,39 @@ class TwoXReach(TwoXRegions, Core):
 
     def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. With a hidden payload the configuration is the nominal arm's, under no payload."""
-        mechanism, q, tensions = TwoX(sampled.episode.design), sampled.configuration, sampled.inputs
+        mechanism, q, tensions = self.mechanism(sampled.episode.design), sampled.configuration, sampled.inputs
         if configuration is not None:
             q, tensions = self.sampler.start_at(mechanism, configuration, tensions is not None)
         x, y = sampled.episode.goal if target is None else (to_single(component) for component in target)
-        found = feasible_solutions(mechanism, x, y)
+        found = self.postures(mechanism, x, y)
         reachable = self.sampler.in_reach(mechanism, q, found)
         if not reachable.any():
             where = f"target ({float(x[0]):.6g}, {float(y[0]):.6g})"
             if not np.isfinite(found[0][0]).any():
                 raise ValueError(f"{where}: no stable, wrench-feasible configuration puts the tip there")
             raise ValueError(f"{where}: in another piece of the stable wrench-feasible set than the start, {q}")
-        solutions = found if self.task.reward_type == "dense" else ()
+        solutions = self.solutions(mechanism, x, y)
         return Sampled(sampled.episode._replace(goal=(x, y), solutions=solutions), q, tensions)
 
-    def _randomized(self, random: dict[str, np.ndarray]) -> TwoXDesign:
+    def _randomized(self, random: dict[str, np.ndarray]) -> Any:
         """The design with the stiffnesses and masses sampled for the episodes."""
         design = self.design
         if "stiffness" in random:
-            design = replace(design, k1=design.k1 * random["stiffness"], k2=design.k2 * random["stiffness"])
+            design = self.stiffened(design, random["stiffness"])
         if "mass" in random:
             design = replace(design, bar_density=design.bar_density * random["mass"])
         return design
 
+    def stiffened(self, design: Any, factor: np.ndarray) -> Any:
+        """The design with springs so many times as stiff."""
+        return replace(design, k1=design.k1 * factor, k2=design.k2 * factor)
+
     def observed(self) -> list[Field]:
         """See `Core.observed`."""
         bounds = (self.design.min_tension, self.design.max_tension)
-        inputs = inputs_field("tensions", 4, bounds, "N", "cable tensions")
-        return arm_fields(self.nominal, self.reach, inputs, 2, self.observe_all, self.observe_velocities)
+        inputs = inputs_field("tensions", len(self.nominal.input_names), bounds, "N", "cable tensions")
+        joints = self.nominal.degrees_of_freedom
+        return arm_fields(self.nominal, self.reach, inputs, joints, self.observe_all, self.observe_velocities)
 
     def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
         """The payload [kg]."""
@@ -154,8 +169,7 @@ class TwoXReach(TwoXRegions, Core):
         design = self._randomized(self.random_from(info))
         if self.payload_range is not None:
             design = replace(design, payload=np.asarray(info["payload"], float))
-        solutions = feasible_solutions(TwoX(design), *goal) if self.task.reward_type == "dense" else ()
-        return Episode(design, (0.0, 0.0), (), goal, solutions)
+        return Episode(design, (0.0, 0.0), (), goal, self.solutions(self.mechanism(design), *goal))
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""

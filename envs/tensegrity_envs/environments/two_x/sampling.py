@@ -3,7 +3,7 @@
 """
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -11,11 +11,10 @@ from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.equilibrium import follow
-from tensegrity_envs.mechanics.two_x import TwoX, TwoXDesign
+from tensegrity_envs.mechanics.two_x import TwoX
 from tensegrity_envs.seeding import EpisodeStream, until_found
 
 _MIN_MARGIN = 0.01  # of starts and targets, for both margins [-]
-_GRID = 161  # nodes along each angle, for telling connected pieces apart
 _PAYLOAD_LEVELS = 9
 _MOST_SOLUTIONS = 8  # of the inverse kinematics
 _TARGET_DRAWS = 1 << 20  # first draw of the targets: beyond every draw of the starts
@@ -31,7 +30,7 @@ class Drawn(NamedTuple):
         target_configuration: one configuration that solves the episode [rad].
     """
 
-    mechanism: TwoX
+    mechanism: Any
     configuration: Components
     tensions: Components | None
     target_configuration: Components
@@ -46,40 +45,56 @@ class Sampler:
     stays in equilibrium under every payload that could be drawn, so tensions and payload are independent. The start is
     then where the arm comes to rest under the payload that was drawn.
 
+    Attributes:
+        arm: makes the mechanism of a design.
+        nodes: along each angle of a grid that tells connected pieces apart.
+
     Raises:
         ValueError: the SWFJ of the design is empty.
     """
 
-    def __init__(self, design: TwoXDesign, payload_range: tuple[float, float] | None = None) -> None:
-        from scipy import ndimage  # slow to import, and only needed here
+    arm: ClassVar[type[Any]] = TwoX
+    nodes: ClassVar[int] = 161
 
+    def __init__(self, design: Any, payload_range: tuple[float, float] | None = None) -> None:
         self.design = design
         self.payload_range = payload_range
         low, high = checked_range("payload_range", payload_range, "kg", (float(design.payload), float(design.payload)))
         self._levels = np.linspace(low, high, _PAYLOAD_LEVELS if high > low else 1)
-        axis = np.linspace(-design.joint_limit, design.joint_limit, _GRID)
-        grid = tuple(np.meshgrid(axis, axis, indexing="ij"))
-        self._pieces = np.stack(
-            [
-                ndimage.label(_is_far_inside(*TwoX(replace(design, payload=p)).posture(grid)[1:]))[0]
-                for p in self._levels.tolist()
-            ]
-        )
-        if not self._pieces.any(axis=(1, 2)).all():
+        self.joints = int(self.arm(design).degrees_of_freedom)
+        self._pieces = self._labelled()
+        if not self._pieces.reshape(len(self._levels), -1).any(axis=1).all():
             raise ValueError(
                 f"the stable wrench-feasible joint space is empty within |alpha| <= {design.joint_limit} rad "
                 f"for {design} with a payload of up to {high} kg: raise max_tension, lower payload or bar_density"
             )
+
+    def _labelled(self) -> np.ndarray:
+        """Numbers of the connected pieces on the grid, for every level of the payload; 0 outside."""
+        from scipy import ndimage  # slow to import, and only needed here
+
+        design = self.design
+        axis = np.linspace(-design.joint_limit, design.joint_limit, self.nodes)
+        grid = tuple(np.meshgrid(*[axis] * self.joints, indexing="ij"))
+        inside = (
+            _is_far_inside(*self.arm(replace(design, payload=p)).posture(grid)[1:]) for p in self._levels.tolist()
+        )
+        return np.stack([ndimage.label(here)[0] for here in inside])
+
+    def _joined(self, mechanism: Any, payload: np.ndarray, start: Components, q: Components) -> np.ndarray:
+        """Whether configurations are in the connected pieces that those of the starts are in."""
+        piece = self._piece(payload, start)
+        return np.asarray((piece > 0) & (self._piece(payload, q) == piece))
 
     def _piece(self, payload: np.ndarray, q: Components) -> np.ndarray:
         """Which connected piece of its SWFJ a configuration is in, from the nearest grid node; 0 for none."""
         limit = self.design.joint_limit
         first, span = self._levels[0], self._levels[-1] - self._levels[0]
         level = np.ceil((payload - first) / span * (len(self._levels) - 1)) if span > 0 else 0 * payload
-        i, j = (np.rint((angle + limit) / (2 * limit) * (_GRID - 1)).astype(int) for angle in q)
-        return np.asarray(self._pieces[level.astype(int), i, j])
+        place = (np.rint((angle + limit) / (2 * limit) * (self.nodes - 1)).astype(int) for angle in q)
+        return np.asarray(self._pieces[(level.astype(int), *place)])
 
-    def sample(self, seed: np.ndarray, episode: np.ndarray, design: TwoXDesign | None = None) -> Drawn:
+    def sample(self, seed: np.ndarray, episode: np.ndarray, design: Any = None) -> Drawn:
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,).
 
         Args:
@@ -91,30 +106,31 @@ class Sampler:
         n = len(seed)
         stream = EpisodeStream(seed, episode)
         payload = np.full(n, float(self.design.payload))
-        unloaded = TwoX(self.design if design is None else design)
+        unloaded = self.arm(self.design if design is None else design)
         mechanism = unloaded
         if self.payload_range is not None:
             payload = stream.uniform(*self.payload_range)
-            mechanism = TwoX(replace(unloaded.design, payload=payload))
+            mechanism = self.arm(replace(unloaded.design, payload=payload))
         hidden = self.payload_range is not None
 
         def try_start(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
             return self._try_start(unloaded.take(owner), here, payload[owner])
 
-        found = until_found(stream, n, 2, try_start, f"no start found for {self.design} in {{}} draws")
-        start = tuple(found[:2])
-        piece = self._piece(payload, start)
+        found = until_found(stream, n, self.joints, try_start, f"no start found for {self.design} in {{}} draws")
+        k = self.joints
+        start = tuple(found[:k])
 
         def try_target(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
             q = self._uniform(here)
-            good = _inside(mechanism.take(owner), q) & (self._piece(payload[owner], q) == piece[owner])
-            return np.stack(q), good
+            arm, begin = mechanism.take(owner), tuple(angle[owner] for angle in start)
+            good = self._inside(arm, q)
+            return np.stack(q), good & self._joined(arm, payload[owner], begin, q)
 
         stream = EpisodeStream(seed, episode, _TARGET_DRAWS)
-        target = until_found(stream, n, 2, try_target, f"no target found for {self.design} in {{}} draws")
-        return Drawn(mechanism, start, tuple(found[2:]) if hidden else None, tuple(target))
+        target = until_found(stream, n, k, try_target, f"no target found for {self.design} in {{}} draws")
+        return Drawn(mechanism, start, tuple(found[k:]) if hidden else None, tuple(target))
 
-    def start_at(self, mechanism: TwoX, q: Components, is_hidden: bool) -> tuple[Components, Components | None]:
+    def start_at(self, mechanism: Any, q: Components, is_hidden: bool) -> tuple[Components, Components | None]:
         """Where an arm begins, and under which tensions, that is put into a posture.
 
         Args:
@@ -127,7 +143,7 @@ class Sampler:
         """
         if not np.all(mechanism.is_within_limits(q)):
             raise ValueError(f"configuration {_shown(q)}: beyond the joint limits, {self.design.joint_limit:.6g} rad")
-        nominal = TwoX(replace(mechanism.design, payload=self.design.payload)) if is_hidden else mechanism
+        nominal = self.arm(replace(mechanism.design, payload=self.design.payload)) if is_hidden else mechanism
         _, stability, wrench = nominal.posture(q)
         if not (stability > 0).all() or not (wrench >= 0).all():
             raise ValueError(
@@ -138,30 +154,28 @@ class Sampler:
             return q, None
         tensions, one = nominal.stiffest_tensions(q), np.ones(1)
         before, after = (design.payload * one for design in (nominal.design, mechanism.design))
-        rest, held = _add_payload(nominal, q, tensions, before, after)
+        rest, held = self._add_payload(nominal, q, tensions, before, after)
         if not held.all() or not np.all(mechanism.is_within_limits(rest)):
             raise ValueError(f"configuration {_shown(q)}: not stable under the payload of this episode")
         return rest, tensions
 
-    def in_reach(self, mechanism: TwoX, q: Components, solutions: tuple[Components, ...]) -> np.ndarray:
+    def in_reach(self, mechanism: Any, q: Components, solutions: tuple[Components, ...]) -> np.ndarray:
         """Which solutions of a batch of one are in the start's connected piece of the SWFJ."""
         payload = mechanism.design.payload * np.ones(1)
-        finite = [np.isfinite(solution[0]).all() for solution in solutions]
-        piece = self._piece(payload, q)
         same = [
-            fine and piece[0] > 0 and self._piece(payload, solution)[0] == piece[0]
-            for fine, solution in zip(finite, solutions, strict=True)
+            np.isfinite(solution[0]).all() and self._joined(mechanism, payload, q, solution)[0]
+            for solution in solutions
         ]
         return np.array(same)
 
     def _uniform(self, stream: EpisodeStream) -> Components:
         limit = self.design.joint_limit
-        return stream.uniform(-limit, limit), stream.uniform(-limit, limit)
+        return tuple(stream.uniform(-limit, limit) for _ in range(self.joints))
 
-    def _try_start(self, nominal: TwoX, stream: EpisodeStream, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _try_start(self, nominal: Any, stream: EpisodeStream, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where arms begin and, if the payload is hidden, under which tensions, and which of them are good."""
         q = self._uniform(stream)
-        good = _inside(nominal, q)
+        good = self._inside(nominal, q)
         found = np.stack(q)
         if self.payload_range is not None:
             index = np.flatnonzero(good)
@@ -169,50 +183,50 @@ class Sampler:
             rest = tuple(found[:, index])
             tensions = nominal.stiffest_tensions(rest)
             heaviest = np.full(len(index), float(self.payload_range[1]))
-            rest, held = _add_payload(nominal, rest, tensions, 0.0 * heaviest + nominal.design.payload, payload[index])
-            at_heaviest, held_heaviest = _add_payload(nominal, rest, tensions, payload[index], heaviest)
+            rest, held = self._add_payload(
+                nominal, rest, tensions, 0.0 * heaviest + nominal.design.payload, payload[index]
+            )
+            at_heaviest, held_heaviest = self._add_payload(nominal, rest, tensions, payload[index], heaviest)
             held &= held_heaviest & nominal.is_within_limits(at_heaviest) & nominal.is_within_limits(rest)
             found = np.concatenate([found, np.zeros((len(tensions), len(good)))])
             found[:, index] = np.stack([*rest, *tensions])
             good[index] &= held
-        good &= self._piece(payload, tuple(np.where(good, angle, 0.0) for angle in found[:2])) > 0
+        good &= self._piece(payload, tuple(np.where(good, angle, 0.0) for angle in found[: self.joints])) > 0
         return found, good
+
+    def _inside(self, mechanism: Any, q: Components) -> np.ndarray:
+        return _is_far_inside(*evaluate(_margins, self.arm, mechanism.design, q))
+
+    def _add_payload(
+        self, nominal: Any, q: Components, tensions: Components, before: np.ndarray, after: np.ndarray
+    ) -> tuple[Components, np.ndarray]:
+        """Where arms at rest in q come to rest when their payload changes slowly, and whether they stayed stable on
+        the way.
+        """
+        if not len(before):
+            return q, np.zeros(0, bool)
+        end, fraction = evaluate(_change_payload, self.arm, nominal.design, q, tensions, before, after)
+        return end, np.asarray(fraction >= 1.0)
 
 
 def _shown(q: Components) -> str:
     return "(" + ", ".join(f"{float(angle[0]):.6g}" for angle in q) + ")"
 
 
-def _inside(mechanism: TwoX, q: Components) -> np.ndarray:
-    return _is_far_inside(*evaluate(_margins, mechanism.design, q))
-
-
 def _is_far_inside(stability: np.ndarray, wrench: np.ndarray) -> np.ndarray:
     return np.asarray((stability >= _MIN_MARGIN) & (wrench >= _MIN_MARGIN))
 
 
-def _margins(design: TwoXDesign, q: Components) -> tuple[Component, Component]:
+def _margins(arm: type[Any], design: Any, q: Components) -> tuple[Component, Component]:
     """Stability and wrench margin of the stiffest tensions."""
-    _, stability, wrench = TwoX(design).posture(q)
+    _, stability, wrench = arm(design).posture(q)
     return stability, wrench
 
 
-def _add_payload(
-    nominal: TwoX, q: Components, tensions: Components, before: np.ndarray, after: np.ndarray
-) -> tuple[Components, np.ndarray]:
-    """Where arms at rest in q come to rest when their payload changes slowly, and whether they stayed stable on the
-    way.
-    """
-    if not len(before):
-        return q, np.zeros(0, bool)
-    end, fraction = evaluate(_change_payload, nominal.design, q, tensions, before, after)
-    return end, np.asarray(fraction >= 1.0)
-
-
 def _change_payload(
-    design: TwoXDesign, q: Components, tensions: Components, before: Component, after: Component
+    kind: type[Any], design: Any, q: Components, tensions: Components, before: Component, after: Component
 ) -> tuple[Components, Component]:
-    arm = TwoX(design)
+    arm = kind(design)
 
     def path(u: Components, t: Component) -> Any:
         more = before + t * (after - before) - design.payload
@@ -239,7 +253,7 @@ def feasible_solutions(
     """
     table = np.stack(mechanism.inverse_kinematics_batch(x, y))
     row, column = np.nonzero(np.isfinite(table[0]))
-    stability, wrench = evaluate(_margins, mechanism.take(row).design, tuple(table[:, row, column]))
+    stability, wrench = evaluate(_margins, TwoX, mechanism.take(row).design, tuple(table[:, row, column]))
     good = (stability > 0) & (wrench >= 0)  # and within the joint limits, as all inverse solutions
     table[:, row[~good], column[~good]] = np.nan
     missing = np.isnan(table[0])

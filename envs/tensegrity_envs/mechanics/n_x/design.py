@@ -1,14 +1,14 @@
 """Parameters of an n-X manipulator."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from tensegrity_envs.mechanics.design import require, require_finite_numbers
 from tensegrity_envs.mechanics.n_x.routing import PER_JOINT, checked_routing
-from tensegrity_envs.mechanics.two_x import TwoXDesign
+from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoXDesign
 
 _PER_JOINT_FIELDS = ("b", "l", "a", "k_left", "k_right")
 _COMMON_FIELDS = ("min_tension", "max_tension", "payload", "bar_density", "bar_radius", "gravity", "joint_limit")
@@ -108,3 +108,6 @@ class NXDesign:
 
 
 _NO_LESS = "zero or positive"
+
+# Three joints with the bars of the 2-X's paper, and stronger springs and cables to carry one joint more.
+THREE_X = replace(NXDesign.from_two_x(MURALIDHARAN2022, 3), k_left=(900.0, 600.0, 300.0), max_tension=250.0)
