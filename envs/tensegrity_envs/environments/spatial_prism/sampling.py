@@ -18,6 +18,7 @@ _SHARE = 0.97  # of the stroke
 _SPEED = 0.8  # of the rate: at most, of the curve; without a load no strut is faster than the platform
 _HEIGHT = 2.0  # times the lowest one
 _MIN_MARGIN = 0.05  # of stability and wrench feasibility
+_AT_ONCE = 64  # curves that are looked at
 _LOOKS = 25  # at the loaded prism, along the curve
 _MAX_ATTEMPTS = 300
 _PUBLISHED_SHARE = 0.25  # of the episodes, for each published trajectory
@@ -130,18 +131,26 @@ class Sampler:
 
     def _can_be_followed(self, table: np.ndarray, payload: np.ndarray) -> np.ndarray:
         """Which curves are slow and high enough, and within stroke and wrench feasibility, with the payload too."""
+        parts = [slice(first, first + _AT_ONCE) for first in range(0, len(payload), _AT_ONCE)]
+        good = np.zeros(len(payload), bool)
+        for part in parts:
+            good[part] = self._can_some_be_followed(table[..., part], payload[part])
+        return good
+
+    def _can_some_be_followed(self, table: np.ndarray, payload: np.ndarray) -> np.ndarray:
+        """The same of so few that the points of their curves stay in the processor's cache."""
         curve = _curve(table[..., None, :])
-        time = np.arange(self.cycle)[:, None]
-        points = np.stack(curve.at(self.cycle, time))  # (3, steps, n)
-        steps = np.diff(np.concatenate([points, points[:, :1]], axis=1), axis=1)
-        good = (np.sqrt((steps**2).sum(axis=0)) <= _SPEED * self.control.rate).all(axis=0)
+        points = curve.at(self.cycle, np.arange(self.cycle)[:, None])  # components of shape (steps, n)
+        squares = sum((np.concatenate([here[1:], here[:1]]) - here) ** 2 for here in points)
+        good: np.ndarray = (np.sqrt(squares) <= _SPEED * self.control.rate).all(axis=0)
         good &= (points[2] >= _HEIGHT * self.control.lowest(self.prism)).all(axis=0)
-        good &= self._within_stroke(self.prism.unloaded_lengths(tuple(np.where(good, points, 1.0))))
+        index = np.flatnonzero(good)
+        good[index] = self._within_stroke(self.prism.unloaded_lengths(tuple(here[:, index] for here in points)))
         index = np.flatnonzero(good & (payload > 0))
         if len(index):
-            looks = points[:, :: max(self.cycle // _LOOKS, 1)][..., index]
-            weight = np.broadcast_to(GRAVITY * payload[index], looks.shape[1:])
-            flat = tuple(looks.reshape(3, -1))
+            looks = tuple(here[:: max(self.cycle // _LOOKS, 1), index] for here in points)
+            weight = np.broadcast_to(GRAVITY * payload[index], looks[0].shape)
+            flat = tuple(here.ravel() for here in looks)
             lengths, stability, wrench, left = evaluate(_held, self.prism.design, flat, weight.ravel())
             fine = (stability >= _MIN_MARGIN) & (wrench >= _MIN_MARGIN)
             fine &= left <= 1e-6 * self.prism.rotational_stiffness
