@@ -123,7 +123,8 @@ class Batch(Interface):
         rows = self.states.rows
         states = states[: self.states.size].copy()
         key = episodes[self.episodes.rows.random["noise_key"]]
-        states[list(rows.noise)] = Randomization.normals(key, states[rows.time] + later, len(rows.noise))
+        noise = slice(rows.noise[0], rows.noise[-1] + 1)
+        states[noise] = Randomization.normals(key, states[rows.time] + later, len(rows.noise))
         return states
 
     def evaluate(self, episodes: np.ndarray, states: np.ndarray) -> np.ndarray:

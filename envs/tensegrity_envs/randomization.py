@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from tensegrity_envs.seeding import EpisodeStream, uniform
 _FIRST_DRAW = 1 << 22  # beyond every draw of the episodes' starts and targets
 _KEYS = 2.0**53
 _LONGEST_DELAY = 200  # steps
+_AHEAD = 64  # steps whose noise is computed at once for a single environment, which takes as long as that of one step
 
 
 @dataclass(frozen=True)
@@ -133,8 +135,23 @@ class Randomization:
     @staticmethod
     def normals(key: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:
         """Standard normal numbers of shape (count, n): functions of (key, step) alone, for each of n environments."""
-        from scipy.special import ndtri  # slow to import, and only needed here
+        if len(key) != 1:
+            return _normals(key, step, count)
+        block, place = divmod(int(step[0]), _AHEAD)
+        return _normals_ahead(int(key[0]), block * _AHEAD, count)[:, place : place + 1]
 
-        place = step.astype(np.int64) * count + np.arange(count)[:, None]
-        numbers = uniform(key.astype(np.int64)[None], np.zeros((1, 1), np.int64), place)
-        return np.asarray(ndtri(numbers + 2.0**-54))
+
+def _normals(key: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:
+    from scipy.special import ndtri  # slow to import, and only needed here
+
+    place = step.astype(np.int64) * count + np.arange(count)[:, None]
+    numbers = uniform(key.astype(np.int64)[None], np.zeros((1, 1), np.int64), place)
+    return np.asarray(ndtri(numbers + 2.0**-54))
+
+
+@lru_cache(maxsize=256)
+def _normals_ahead(key: int, first: int, count: int) -> np.ndarray:
+    """Those of one environment and the steps from `first` on, shape (count, _AHEAD)."""
+    numbers = _normals(np.array([key]), np.arange(first, first + _AHEAD), count)
+    numbers.flags.writeable = False  # everybody's
+    return numbers
