@@ -251,8 +251,9 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         final = np.empty(self.num_envs, object)  # None
         last = self._observation(self._outcomes, index)
         each = zip(last["observation"], last["achieved_goal"], last["desired_goal"], strict=True)
-        for i, (seen, achieved, desired) in zip(index.tolist(), each, strict=True):
-            final[i] = {"observation": seen, "achieved_goal": achieved, "desired_goal": desired}
+        final[index] = [
+            {"observation": seen, "achieved_goal": achieved, "desired_goal": desired} for seen, achieved, desired in each
+        ]
         final_info = self._info(self._outcomes, index)
         self._begin(index)
         self._ended, self._some_ended = np.zeros(self.num_envs, bool), False
