@@ -34,6 +34,7 @@ LAYERS = [
     "episodes",
     "env",
     "mujoco_env",
+    "vector_arguments",
     "vector_info",
     "vector_rendering",
     "vector_env",

@@ -1,6 +1,5 @@
 """The native vector environment: a `gymnasium.vector.VectorEnv` shell over a `Core`."""
 
-from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -18,11 +17,12 @@ from tensegrity_envs.episodes import EpisodeQueue, checked_options, episodes_ahe
 from tensegrity_envs.rendering import checked_size
 from tensegrity_envs.seeding import checked_episode, checked_seed
 from tensegrity_envs.simulation.protocol import Episode
-from tensegrity_envs.vector_info import InfoTable
+from tensegrity_envs.vector_arguments import checked_count, checked_info, checked_limit, checked_mode, for_each
+from tensegrity_envs.vector_info import InfoTable, step_info
 from tensegrity_envs.vector_rendering import Tiles
 
-_LONGEST = 2**31  # steps
-_INFOS = ("full", "goal", "none")
+__all__ = ["ManipulatorVectorEnv", "step_info"]
+
 _NOBODY = np.zeros(0, np.int64)
 
 
@@ -83,11 +83,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
                 f"render_mode = {render_mode!r}: must be None or 'rgb_array'; "
                 "the single environment, gym.make(id), has others"
             )
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs!r}: must be a whole number, at least 1")
-        if info not in _INFOS:
-            raise ValueError(f"info = {info!r}: must be one of {', '.join(map(repr, _INFOS))}")
-        self._wanted = info
+        count = checked_count(num_envs)
+        self._wanted = checked_info(info)
         team = Threads(threads)
         self._threads = team if team.count > 1 else None
         self.max_episode_steps = checked_limit(max_episode_steps)
@@ -95,7 +92,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         size = checked_size(render_size)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.core = core_of(arm, options)
-        self.num_envs = int(num_envs)
+        self.num_envs = count
         self.render_mode = render_mode
         self.single_observation_space = self.core.observation_space
         self.single_action_space = self.core.action_space
@@ -159,8 +156,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             raise ValueError(f"reset_mask: must be a boolean array of shape ({self.num_envs},) with at least one True")
         if self._episodes is None and not mask.all():
             raise ValueError("reset_mask: the first reset must begin all environments")
-        seeds = self._for_each(seed, "seeds", checked_seed, 1)
-        episodes = self._for_each(episode, "episodes", checked_episode, 0)
+        seeds = for_each(self.num_envs, seed, "seeds", checked_seed, 1)
+        episodes = for_each(self.num_envs, episode, "episodes", checked_episode, 0)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
         if self._queue is None:
@@ -181,19 +178,6 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         return self._observation(self._outcomes), self._info(
             self._outcomes, None if mask.all() else np.flatnonzero(mask)
         )
-
-    def _for_each(self, given: Any, what: str, check: Callable[[Any], int], later: int) -> list[int | None]:
-        """The checked numbers of all environments, from one number, a list of numbers or None.
-
-        One number is the first environment's; that of each next one is so much larger.
-        """
-        if given is None:
-            return [None] * self.num_envs
-        if not isinstance(given, list | tuple | np.ndarray) or np.ndim(given) == 0:
-            return [check(given) + i * later for i in range(self.num_envs)]
-        if len(given) != self.num_envs:
-            raise ValueError(f"{len(given)} {what} for {self.num_envs} environments")
-        return [None if number is None else check(number) for number in given]
 
     def step(self, actions: Any) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance all environments by one step; see the class for what happens where an episode ends.
@@ -251,9 +235,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         final = np.empty(self.num_envs, object)  # None
         last = self._observation(self._outcomes, index)
         each = zip(last["observation"], last["achieved_goal"], last["desired_goal"], strict=True)
-        final[index] = [
-            {"observation": seen, "achieved_goal": achieved, "desired_goal": desired} for seen, achieved, desired in each
-        ]
+        final[index] = [{"observation": seen, "achieved_goal": at, "desired_goal": to} for seen, at, to in each]
         final_info = self._info(self._outcomes, index)
         self._begin(index)
         self._ended, self._some_ended = np.zeros(self.num_envs, bool), False
@@ -403,54 +385,3 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         limits = told.get("time_limit", self.max_episode_steps)
         reached = np.asarray(told["step"]) >= limits
         return bool(reached[0]) if single else reached
-
-
-def step_info(info: dict[str, Any]) -> dict[str, Any]:
-    """The info of the step itself, whatever the autoreset mode: where episodes ended in it, what final_info tells.
-
-    In the mode SAME_STEP, the vector environments' `info` tells of the next episode where one has ended.
-
-    Args:
-        info: that `step` of a vector environment returned.
-
-    Returns:
-        The entries as arrays of shape (num_envs, ...), without masks.
-    """
-    told = {name: value for name, value in info.items() if not name.startswith(("_", "final_"))}
-    if "final_info" not in info:
-        return told
-    ended = info["_final_info"]
-    last = info["final_info"]
-    return {
-        name: np.where(ended.reshape(-1, *[1] * (np.ndim(value) - 1)), last[name], value)
-        for name, value in told.items()
-    }
-
-
-def checked_limit(max_episode_steps: int | None) -> int | None:
-    """A time limit; None for none, which Gymnasium writes as -1, too.
-
-    Raises:
-        ValueError: it is no positive whole number.
-    """
-    if max_episode_steps is None or max_episode_steps == -1:
-        return None
-    is_whole = isinstance(max_episode_steps, int | np.integer) and not isinstance(max_episode_steps, bool)
-    if not is_whole or not 1 <= max_episode_steps <= _LONGEST:
-        raise ValueError(
-            f"max_episode_steps = {max_episode_steps!r}: must be a whole number from 1 to {_LONGEST}, or -1 for none"
-        )
-    return int(max_episode_steps)
-
-
-def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
-    """An autoreset mode, given as Gymnasium's or by its name.
-
-    Raises:
-        ValueError: there is no such mode.
-    """
-    for known in AutoresetMode:
-        if mode in (known, known.value, known.name):
-            return known
-    names = ", ".join(repr(known.value) for known in AutoresetMode)
-    raise ValueError(f"autoreset_mode = {mode!r}: must be one of {names}, or a gymnasium.vector.AutoresetMode")

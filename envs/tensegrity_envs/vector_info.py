@@ -62,3 +62,25 @@ class InfoTable:
         if limits is not None:
             info["time_limit"], info["_time_limit"] = limits, masks[-1]
         return info
+
+
+def step_info(info: dict[str, Any]) -> dict[str, Any]:
+    """The info of the step itself, whatever the autoreset mode: where episodes ended in it, what final_info tells.
+
+    In the mode SAME_STEP, the vector environments' `info` tells of the next episode where one has ended.
+
+    Args:
+        info: that `step` of a vector environment returned.
+
+    Returns:
+        The entries as arrays of shape (num_envs, ...), without masks.
+    """
+    told = {name: value for name, value in info.items() if not name.startswith(("_", "final_"))}
+    if "final_info" not in info:
+        return told
+    ended = info["_final_info"]
+    last = info["final_info"]
+    return {
+        name: np.where(ended.reshape(-1, *[1] * (np.ndim(value) - 1)), last[name], value)
+        for name, value in told.items()
+    }
