@@ -58,6 +58,7 @@ AGENT_LAYERS = [
     "analysis",
     "playground",
     "experiment",
+    "campaign",
     "benchmark",
     "benchmark_against",
     "benchmark_memory",

@@ -10,6 +10,7 @@ SUBCOMMANDS = {
     "list": "The environments: id, what they are, spaces, baselines.",
     "train": "Train agents as a config says.",
     "compare": "Train agents, compare them with the analytic controllers, write the report.",
+    "campaign": "Measure the agents and controllers of all environments, once.",
     "evaluate": "Score controllers and policies on the same held-out episodes.",
     "transfer": "Score agents and baselines at rest and in motion, made for either.",
     "tune": "Tune an analytic controller on validation episodes.",

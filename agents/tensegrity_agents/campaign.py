@@ -1,0 +1,248 @@
+"""All agents of all environments, measured once: every row is kept as soon as it is there, and nothing is done twice.
+
+A row is one training seed, or one analytic controller, on the test episodes of one id. Trainings go on from their last
+checkpoint; finished rows are small files that a repository can hold (see `evaluation.records`). A row whose config has
+changed since is measured again.
+"""
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+from tensegrity_agents.config import Experiment
+from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.controllers.base import Controller
+from tensegrity_agents.evaluation.records import Record, hash_of, read_record, recorded
+from tensegrity_agents.evaluation.results import Progress, Run, kind_of
+from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.experiment import agent_name, train_agents
+from tensegrity_agents.sb3.policy_file import DESCRIPTION, WEIGHTS
+from tensegrity_envs.seeding import TEST_SEED
+from tensegrity_envs.uncertainty import LEVELS
+
+FLAGS = "test_successes.txt"  # of a kept policy: one digit for each test episode
+_CPU = "cpu_seconds.json"
+
+
+class Task(NamedTuple):
+    """A row to measure.
+
+    Attributes:
+        experiment: of its id.
+        seed: of the training; None for a controller.
+        controller: its name; "" for a training.
+    """
+
+    experiment: Experiment
+    seed: int | None
+    controller: str = ""
+
+    @property
+    def short_id(self) -> str:
+        """The id without its namespace."""
+        return self.experiment.env.rpartition("/")[2]
+
+    @property
+    def name(self) -> str:
+        """For messages and files."""
+        return f"agent-{self.seed}" if self.seed is not None else self.controller.replace(":", "-")
+
+    @property
+    def config(self) -> str:
+        """Hash of all that the row depends on."""
+        given = self.experiment
+        settings = {"env": given.env, "options": given.options, "episodes": given.episodes}
+        if self.seed is None:
+            return hash_of(settings | {"controller": self.controller})
+        return hash_of(settings | {"seed": self.seed, "train": given.train.model_dump(mode="json")})
+
+    def home(self, results: Path) -> Path:
+        """Where it is trained: not where another config was."""
+        given = self.experiment
+        trained = hash_of({"options": given.options, "train": given.train.model_dump(mode="json")})
+        return results / f"{self.short_id}-{trained}" / f"agent-{self.seed}"
+
+    def file(self, records: Path) -> Path:
+        """Where its record is kept."""
+        return records / self.short_id / f"{self.name}.json"
+
+    def kept(self, records: Path) -> Record | None:
+        """Its record, if there is one of this config.
+
+        Raises:
+            ValueError: the file there is no record.
+        """
+        path = self.file(records)
+        if not path.is_file():
+            return None
+        record = read_record(path)
+        return record if record.config == self.config else None
+
+
+def tasks_of(experiment: Experiment, agents: bool = True, controllers: bool = True) -> list[Task]:
+    """The rows of an id: its seeds, then its controllers."""
+    found = [Task(experiment, seed) for seed in experiment.seeds] if agents else []
+    return found + ([Task(experiment, None, name) for name in experiment.compared] if controllers else [])
+
+
+def measure(task: Task, results: Path, records: Path, progress: Progress) -> Record:
+    """Train (or go on, or load) and evaluate one row, and keep its record.
+
+    Args:
+        task: the row.
+        results: of trainings, results/<id>-<hash of the config>/agent-<seed>.
+        records: of rows, records/<id>/<name>.json.
+        progress: called while it works.
+    """
+    experiment = task.experiment
+    if task.seed is None:
+        controller = make_controller(task.controller, experiment.env, experiment.options)
+        runs = _evaluated(task, lambda options: make_controller(task.controller, experiment.env, options), progress)
+        record = recorded(runs, experiment.env, task.config)
+        knows = str(getattr(controller, "knows", ""))
+    else:
+        home = task.home(results)
+        with _counting(home):
+            agent = train_agents(experiment.changed(seeds=[task.seed]), home.parent, progress)[task.seed]
+        runs = _evaluated(task, lambda _: agent, progress)
+        about = agent.description
+        record = recorded(
+            runs,
+            experiment.env,
+            task.config,
+            seed=task.seed,
+            frames=about["timesteps"],
+            cpu_seconds=round(_cpu_seconds(home), 1),
+            wall_seconds=about["training_seconds"],
+        )
+        knows = agent.knows
+    record = Record(**{**vars(record), "knows": knows})
+    record.write(task.file(records))
+    return record
+
+
+def _evaluated(task: Task, make: Callable[[dict[str, Any]], Controller], progress: Progress) -> dict[str, Run]:
+    """One run for every level of uncertainty; "" is the environment as it is."""
+    experiment = task.experiment
+    uncertain = gym.spec(experiment.env).kwargs.get("level") is not None and experiment.level is None
+    runs = {}
+    for level in ["", *(str(k) for k in range(len(LEVELS)) if uncertain)]:
+        options = experiment.options | ({"level": int(level)} if level else {})
+        what = f"{task.short_id} {task.name}{f', level {level}' if level else ''}"
+        runs[level] = evaluate(
+            make(options),
+            experiment.env,
+            experiment.episodes,
+            TEST_SEED,
+            agent_name(experiment) if task.seed is not None else task.controller,
+            "agent" if task.seed is not None else kind_of(task.controller),
+            options,
+            lambda done, total, what=what: progress(what, done, total, "evaluated"),  # type: ignore[misc]
+        )
+    return runs
+
+
+class _counting:
+    """Adds the CPU time of this process to what the training has cost so far, however it ends."""
+
+    def __init__(self, home: Path) -> None:
+        self.home = home
+
+    def __enter__(self) -> None:
+        self.before, self.begun = _cpu_seconds(self.home), time.process_time()
+
+    def __exit__(self, *_: object) -> None:
+        spent = time.process_time() - self.begun
+        if self.home.is_dir():
+            (self.home / _CPU).write_text(json.dumps(self.before + spent))
+
+
+def _cpu_seconds(home: Path) -> float:
+    path = home / _CPU
+    return float(json.loads(path.read_text())) if path.is_file() else 0.0
+
+
+def run_campaign(
+    tasks: Sequence[Task], results: Path, records: Path, progress: Progress, jobs: int = 1
+) -> Iterator[tuple[Task, Record | Exception]]:
+    """Measure all rows that are not there yet; each is yielded when it is, with its record or what went wrong.
+
+    Args:
+        tasks: the rows, in the order in which they are begun.
+        results: see `measure`.
+        records: see `measure`.
+        progress: called while it works.
+        jobs: processes; with one, rows are measured in this one.
+    """
+    todo = []
+    for task in tasks:
+        kept = task.kept(records)
+        if kept is None:
+            todo.append(task)
+        else:
+            yield task, kept
+    if jobs == 1:
+        for task in todo:
+            try:
+                yield task, measure(task, results, records, progress)
+            except Exception as error:
+                yield task, error
+        return
+    # Torch and compiled code do not survive a fork.
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        begun: dict[Future[Record], Task] = {
+            pool.submit(measure, task, results, records, _silent): task for task in todo
+        }
+        try:
+            for number, future in enumerate(as_completed(begun)):
+                progress("rows", number + 1, len(todo), begun[future].short_id)
+                wrong = future.exception()
+                yield begun[future], wrong if isinstance(wrong, Exception) else future.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _silent(what: str, done: int, total: int, remark: str) -> None:
+    """Progress of rows in other processes is that they are finished."""
+
+
+def median_record(records: Sequence[Record]) -> Record:
+    """The agent whose success is the median of all; of an even number, the lower of the two in the middle."""
+    ranked = sorted(records, key=lambda one: (float(one.flags().mean()), -(one.seed or 0)))
+    return ranked[(len(ranked) - 1) // 2]
+
+
+def keep_median(experiment: Experiment, results: Path, records: Path, policies: Path) -> Path | None:
+    """Copy the policy of the median seed to policies/<id>/ with its test flags; None unless all seeds are there.
+
+    Args:
+        experiment: of the id.
+        results: see `measure`.
+        records: see `measure`.
+        policies: folder of kept policies.
+    """
+    tasks = tasks_of(experiment, controllers=False)
+    kept = [record for task in tasks if (record := task.kept(records)) is not None]
+    if len(kept) < len(tasks):
+        return None
+    chosen = median_record(kept)
+    home = Task(experiment, chosen.seed).home(results)
+    target = policies / tasks[0].short_id
+    if not (home / WEIGHTS).is_file():
+        return None
+    target.mkdir(parents=True, exist_ok=True)
+    for name in (WEIGHTS, DESCRIPTION):
+        shutil.copyfile(home / name, part := target / f"{name}.part")
+        os.replace(part, target / name)
+    digits = np.where(chosen.flags(), "1", "0")
+    (target / FLAGS).write_text("".join(digits) + "\n")
+    return target

@@ -1,0 +1,86 @@
+"""All agents of all environments, measured once; what is there is not done again."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import tensegrity_envs
+from tensegrity_agents.campaign import Task, keep_median, run_campaign, tasks_of
+from tensegrity_agents.command_options import find_experiment, parse_seeds
+from tensegrity_agents.config import ConfigError, Experiment, known_env
+from tensegrity_agents.console import GO_ON, checked_folder, clear_errors, progress_bar, say
+from tensegrity_agents.evaluation.records import Record
+from tensegrity_agents.reporting.table import percent
+
+
+def main(
+    ids: Annotated[
+        str | None, typer.Option(help="comma-separated ids", show_default="all that have a config, quasi-static first")
+    ] = None,
+    seeds: Annotated[str | None, typer.Option(help="training seeds, such as 0,1,2", show_default="0,1,2,3,4")] = None,
+    only: Annotated[str, typer.Option(help="agents, controllers, or all")] = "all",
+    jobs: Annotated[int, typer.Option(min=1, help="processes, at most one for each core")] = 1,
+    results: Annotated[Path, typer.Option(help="folder of trainings")] = Path("results"),
+    records: Annotated[Path, typer.Option(help="folder of the rows: a small JSON file each")] = Path("records"),
+    policies: Annotated[
+        Path | None, typer.Option(help="keep the policy of the median seed of each finished id in this folder")
+    ] = None,
+) -> None:
+    """Train 5 seeds of the config of every id, evaluate them and the analytic controllers on 1,000 test episodes each,
+    and keep every row: success of each episode, training time (CPU and wall), steps, a hash of the config.
+
+    Interrupt it whenever you like: the same command goes on, and rows that are there are not measured again. A row that
+    fails is named, and the others go on. The matrix of all rows is drawn by: tensegrity matrix
+
+    Example: tensegrity campaign --ids TwoXReach-v0,TwoXTensionReach-v0 --seeds 0,1,2 --jobs 2
+    """
+    with clear_errors(GO_ON):
+        if only not in ("agents", "controllers", "all"):
+            raise ConfigError(f"--only {only}: must be agents, controllers or all")
+        for folder, option in ((results, "--results"), (records, "--records"), (policies, "--policies")):
+            if folder is not None:
+                checked_folder(folder, option)
+        chosen = parse_seeds(seeds or "0,1,2,3,4")
+        experiments = [experiment.changed(seeds=chosen) for experiment in _experiments(ids)]
+        tasks = [
+            task
+            for experiment in experiments
+            for task in tasks_of(experiment, only in ("agents", "all"), only in ("controllers", "all"))
+        ]
+        failed: list[Task] = []
+        with progress_bar() as progress:
+            for number, (task, found) in enumerate(run_campaign(tasks, results, records, progress, jobs), 1):
+                say(f"{number}/{len(tasks)} {task.short_id} {task.name}: {_in_words(found)}")
+                if isinstance(found, Exception):
+                    failed.append(task)
+                elif policies is not None and task.seed is not None:
+                    keep_median(task.experiment, results, records, policies)
+        say(f"{len(tasks) - len(failed)} of {len(tasks)} rows are in {records}/")
+        if failed:
+            say("failed: " + ", ".join(f"{task.short_id} {task.name}" for task in failed))
+            raise typer.Exit(1)
+
+
+def _in_words(found: Record | Exception) -> str:
+    if isinstance(found, Exception):
+        return f"failed: {found}"
+    trained = "" if found.frames is None else f", {found.frames:,} steps in {found.cpu_seconds:.0f} s of CPU time"
+    return f"{percent(float(found.flags().mean()), '%')} of {found.episodes:,} test episodes{trained}"
+
+
+def _experiments(ids: str | None) -> list[Experiment]:
+    """Those of these ids, or of all that have a config.
+
+    Raises:
+        ConfigError: an id is unknown or has none.
+    """
+    if ids is not None:
+        return [find_experiment(None, known_env(name.strip())) for name in ids.split(",")]
+    found = []
+    for env_id in sorted(tensegrity_envs.ENV_IDS, key=lambda name: ("MuJoCo" in name, "Uncertain" in name)):
+        try:
+            found.append(find_experiment(None, env_id))
+        except ConfigError as error:
+            say(f"{env_id}: {str(error).partition(';')[0]}")
+    return found

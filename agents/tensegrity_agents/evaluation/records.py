@@ -1,0 +1,133 @@
+"""What is kept of an evaluation for good: a small file for each controller or training seed, one bit an episode."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tensegrity_agents.evaluation.results import Run
+
+
+@dataclass(frozen=True)
+class Record:
+    """One controller, or one training seed, on the test episodes of an environment.
+
+    Attributes:
+        env: Gymnasium id.
+        controller: name, as in tables.
+        kind: "agent", "baseline", "oracle" or "random".
+        episodes: how many.
+        successes: one bit for each episode, by level of uncertainty; "" is the environment as it is. Hexadecimal, the
+            first episode is the highest bit of the first digit.
+        config: hash of what it was made with, see `hash_of`.
+        knows: what it is told beside observations.
+        steps_to_target: median over episodes that got there, else None.
+        seed: of the training, else None.
+        frames: environment steps of the training.
+        cpu_seconds: of the training, of all processes that took part in it.
+        wall_seconds: of the training.
+    """
+
+    env: str
+    controller: str
+    kind: str
+    episodes: int
+    successes: dict[str, str]
+    config: str
+    knows: str = ""
+    steps_to_target: float | None = None
+    seed: int | None = None
+    frames: int | None = None
+    cpu_seconds: float | None = None
+    wall_seconds: float | None = None
+
+    def flags(self, level: str = "") -> np.ndarray:
+        """Success of every episode, booleans of shape (episodes,).
+
+        Args:
+            level: of uncertainty, as in `successes`.
+        """
+        return unpacked(self.successes[level], self.episodes)
+
+    def write(self, path: Path) -> None:
+        """Write it, all or nothing."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(path.name + ".part")
+        part.write_text(json.dumps(asdict(self), indent=1) + "\n")
+        os.replace(part, path)
+
+
+def read_record(path: Path) -> Record:
+    """A record that `Record.write` wrote.
+
+    Raises:
+        ValueError: it is something else; the message names the file.
+    """
+    try:
+        record = Record(**json.loads(path.read_text()))
+        for level in record.successes:
+            record.flags(level)
+    except (TypeError, ValueError, AttributeError) as error:
+        raise ValueError(f"{path}: not a record of this package ({error}); delete it to measure it again") from error
+    return record
+
+
+def read_records(folder: Path) -> dict[str, list[Record]]:
+    """All records in folder/<id>/*.json, by Gymnasium id."""
+    found: dict[str, list[Record]] = {}
+    for path in sorted(folder.glob("*/*.json")):
+        record = read_record(path)
+        found.setdefault(record.env, []).append(record)
+    return found
+
+
+def packed(flags: np.ndarray) -> str:
+    """Booleans of shape (n,) as hexadecimal digits, the last one filled with zeros."""
+    return np.packbits(np.asarray(flags, bool)).tobytes().hex()
+
+
+def unpacked(text: str, count: int) -> np.ndarray:
+    """What `packed` was given.
+
+    Raises:
+        ValueError: the text does not hold `count` flags.
+    """
+    data = np.frombuffer(bytes.fromhex(text), np.uint8)
+    if len(data) != -(-count // 8):
+        raise ValueError(f"{4 * len(text)} bits for {count} episodes")
+    return np.unpackbits(data)[:count].astype(bool)
+
+
+def hash_of(settings: Mapping[str, Any]) -> str:
+    """Twelve hexadecimal digits that differ as soon as a setting does."""
+    return hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode()).hexdigest()[:12]
+
+
+def recorded(runs: Mapping[str, Run], env: str, config: str, **more: Any) -> Record:
+    """The record of a controller.
+
+    Args:
+        runs: by level of uncertainty; "" is the environment as it is, and must be there.
+        env: Gymnasium id.
+        config: hash, see `hash_of`.
+        **more: further fields of the record.
+    """
+    run = runs[""]
+    steps = run.columns["steps_to_target"]
+    reached = steps[~np.isnan(steps)]
+    return Record(
+        env,
+        run.controller,
+        run.kind,
+        len(run.seeds),
+        {level: packed(one.columns["success"] > 0) for level, one in runs.items()},
+        config,
+        run.notes,
+        float(np.median(reached)) if len(reached) else None,
+        **more,
+    )

@@ -1,0 +1,136 @@
+"""The campaign: rows are kept, measured once, and again as soon as their config changes."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tensegrity_agents.campaign import FLAGS, Task, keep_median, median_record, run_campaign, tasks_of
+from tensegrity_agents.config import Experiment
+from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.evaluation.records import Record, packed, read_record, read_records, unpacked
+from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.sb3.policy_file import load_policy
+from tensegrity_envs.seeding import TEST_SEED
+
+SMALL = {
+    "env": "TwoXReach-v0",
+    "seeds": [0, 1, 2],
+    "episodes": 13,
+    "controllers": ["closed_form_ik"],
+    "train": {"total_timesteps": 64, "net_arch": [4], "ppo": {"num_envs": 4, "n_steps": 4, "batch_size": 8}},
+}
+
+
+def silent(what, done, total, remark):
+    pass
+
+
+def measured(experiment, folder, **more):
+    found = run_campaign(tasks_of(experiment), folder / "results", folder / "records", silent, **more)
+    return {task.name: row for task, row in found}
+
+
+def test_flags_are_kept_to_the_bit():
+    flags = np.random.default_rng(0).random(1003) < 0.7
+    assert len(packed(flags)) == 252
+    np.testing.assert_array_equal(unpacked(packed(flags), 1003), flags)
+    assert packed(np.array([True, False, False, False, False, False, False, True])) == "81"
+    with pytest.raises(ValueError, match="8 bits for 9 episodes"):
+        unpacked("ff", 9)
+
+
+def test_a_campaign_keeps_what_was_measured_and_does_it_once(tmp_path, monkeypatch):
+    experiment = Experiment(**SMALL)
+    rows = measured(experiment, tmp_path)
+    assert list(rows) == ["agent-0", "agent-1", "agent-2", "closed_form_ik"]
+    run = evaluate(make_controller("closed_form_ik", experiment.env), experiment.env, 13, TEST_SEED, "closed_form_ik")
+    np.testing.assert_array_equal(rows["closed_form_ik"].flags(), run.columns["success"] > 0)
+    assert rows["closed_form_ik"].seed is None
+    assert rows["agent-1"].frames == 64
+    assert rows["agent-1"].cpu_seconds > 0
+    assert read_records(tmp_path / "records")["tensegrity/TwoXReach-v0"] == list(rows.values())
+    monkeypatch.setattr("tensegrity_agents.campaign.measure", lambda *_: "anew")
+    assert measured(experiment, tmp_path) == rows
+    other = Experiment(**{**SMALL, "train": {**SMALL["train"], "net_arch": [5]}})
+    assert {name for name, row in measured(other, tmp_path).items() if row == "anew"} == {
+        "agent-0",
+        "agent-1",
+        "agent-2",
+    }
+    monkeypatch.undo()
+    assert measured(other, tmp_path)["agent-0"].config != rows["agent-0"].config
+
+
+def test_two_processes_find_the_same(tmp_path):
+    experiment = Experiment(**SMALL | {"seeds": [0]})
+    one, two = measured(experiment, tmp_path / "one"), measured(experiment, tmp_path / "two", jobs=2)
+    assert {name: row.successes for name, row in one.items()} == {name: row.successes for name, row in two.items()}
+
+
+def test_a_failure_costs_the_other_rows_nothing(tmp_path):
+    experiment = Experiment(**SMALL | {"seeds": [0], "controllers": ["no.such:Module", "closed_form_ik"]})
+    rows = measured(experiment, tmp_path)
+    assert [isinstance(row, Exception) for row in rows.values()] == [False, True, False]
+    assert not (tmp_path / "records" / "TwoXReach-v0" / "no.such-Module.json").exists()
+
+
+def test_what_stops_a_row_leaves_those_before_it(tmp_path, monkeypatch):
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    experiment = Experiment(**SMALL | {"seeds": [0]})
+    monkeypatch.setattr("tensegrity_agents.campaign.make_controller", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        measured(experiment, tmp_path)
+    assert Task(experiment, 0).kept(tmp_path / "records") is not None
+    monkeypatch.undo()
+    assert set(measured(experiment, tmp_path)) == {"agent-0", "closed_form_ik"}
+
+
+def test_the_median_seed_is_kept_once_all_are_there(tmp_path):
+    experiment = Experiment(**SMALL)
+    folders = [tmp_path / name for name in ("results", "records", "policies")]
+    measured(experiment.changed(seeds=[0]), tmp_path)
+    assert keep_median(experiment, *folders) is None
+    rows = measured(experiment, tmp_path)
+    chosen = median_record([rows[f"agent-{seed}"] for seed in experiment.seeds])
+    home = keep_median(experiment, *folders)
+    assert load_policy(home).description["seed"] == chosen.seed
+    assert (home / FLAGS).read_text().strip() == "".join("01"[flag] for flag in chosen.flags().astype(int))
+
+
+def test_the_median_is_the_lower_middle():
+    def row(seed, successes):
+        return Record("e", "agent", "agent", 8, {"": packed(np.arange(8) < successes)}, "", seed=seed)
+
+    assert median_record([row(0, 8), row(1, 2), row(2, 5)]).seed == 2
+    assert median_record([row(0, 8), row(1, 2), row(2, 5), row(3, 6)]).seed == 2
+
+
+def test_uncertain_ids_are_measured_at_every_level(tmp_path):
+    experiment = Experiment(
+        **SMALL | {"env": "TwoXTensionReachUncertain-v0", "seeds": [0], "controllers": ["closed_form_ik"]}
+    )
+    row = Task(experiment, None, "closed_form_ik")
+    ((_, found),) = run_campaign([row], tmp_path, tmp_path / "records", silent)
+    assert list(found.successes) == ["", "0", "1", "2", "3"]
+    assert found.successes[""] == found.successes["2"]
+    nominal = evaluate(
+        make_controller("closed_form_ik", experiment.env, {"level": 0}),
+        experiment.env,
+        13,
+        TEST_SEED,
+        "",
+        "baseline",
+        {"level": 0},
+    )
+    np.testing.assert_array_equal(found.flags("0"), nominal.columns["success"] > 0)
+
+
+def test_a_foreign_file_is_named(tmp_path):
+    path = tmp_path / "TwoXReach-v0" / "agent-0.json"
+    path.parent.mkdir()
+    path.write_text(json.dumps({"env": "x"}))
+    with pytest.raises(ValueError, match=r"agent-0\.json: not a record"):
+        read_record(path)
