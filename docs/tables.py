@@ -19,7 +19,17 @@ from tensegrity_envs.registration import ENTRIES, Entry
 
 WIDTH = 120
 PAGE = Path(__file__).parent / "environments.md"
-RANDOMIZED = ("stiffness", "mass", "damping", "payload", "actuation_delay", "tip_noise", "angle_noise")
+RANDOMIZED = (
+    "stiffness",
+    "mass",
+    "damping",
+    "friction",
+    "bandwidth",
+    "payload",
+    "actuation_delay",
+    "tip_noise",
+    "angle_noise",
+)
 BEGIN, END = "<!-- {}: written by docs/tables.py -->\n", "<!-- end of {} -->\n"
 
 

@@ -15,6 +15,8 @@ from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 if TYPE_CHECKING:
     from tensegrity_envs.simulation.mujoco.engine import Engine
 
+_VARIED = ("mass", "damping", "friction", "bandwidth")  # factors of the dynamics, where they are randomized
+
 
 class DynamicStep:
     """The step of a batch of environments that an engine moves.
@@ -64,7 +66,7 @@ class DynamicStep:
     def _varied(self) -> list[int]:
         """Rows of the matrix of episodes on which a simulation's parameters depend."""
         rows = self.episodes.rows
-        random = [row for name, row in rows.random.items() if name in ("mass", "damping")]
+        random = [row for name, row in rows.random.items() if name in _VARIED]
         return [int(row) for row in (*tree_leaves(rows.design, is_row), *random)]
 
     def _models(self, engine: "Engine", episodes: np.ndarray) -> list[Any] | None:
@@ -77,12 +79,14 @@ class DynamicStep:
     def _parameters(self, column: np.ndarray) -> tuple[Any, Dynamics]:
         """Mechanism and dynamics of an episode."""
         episode = self.episodes.unpack(column)
-        mass, damping = (episode.random.get(name, 1.0) for name in ("mass", "damping"))
+        mass, damping, friction, bandwidth = (episode.random.get(name, 1.0) for name in _VARIED)
         own = self._core.dynamics
         assert own is not None
         dynamics = replace(
             own,
             joint_damping=damping * own.joint_damping,
+            joint_friction=friction * own.joint_friction,
+            actuator_bandwidth=bandwidth * own.actuator_bandwidth,
             bar_line_density=mass * own.bar_line_density,
             tip_mass=mass * own.tip_mass,
             platform_mass=mass * own.platform_mass,

@@ -94,12 +94,24 @@ class Options:
         if not set(given) <= set(core.shared):
             # A subclass that takes none of them may still hand them to this constructor.
             check_names(core, given, [*inspect.signature(core).parameters, *core.shared])
+        usual = core.option_defaults.get("dynamics")
+        if usual is not None and not isinstance(given.get("dynamics"), Dynamics):
+            given = {**given, "dynamics": {**usual, **(given.get("dynamics") or {})}}
         return cls(**{**core.option_defaults, **given})
 
     @property
     def is_dynamic(self) -> bool:
         """Whether the environment has dynamics."""
         return self.backend == "mujoco"
+
+    @property
+    def varied_dynamics(self) -> set[str]:
+        """Names of what of the dynamics may be randomized by a factor: friction and bandwidth, where there are any."""
+        if not self.is_dynamic:
+            return set()
+        names = {"friction": "joint_friction", "bandwidth": "actuator_bandwidth"}
+        given = self.dynamics.__dict__ if isinstance(self.dynamics, Dynamics) else dict(self.dynamics or {})
+        return {"damping"} | {name for name, field in names.items() if given.get(field)}
 
     def scoring(self, weights: Weights, tolerance: float, scale: float | np.floating = 1.0) -> dict[str, Any]:
         """The arguments that all tasks share.

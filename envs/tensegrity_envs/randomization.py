@@ -25,6 +25,8 @@ class Randomization:
         stiffness: factor of all spring stiffnesses.
         mass: factor of all masses of bars or platform, and of the mass at the tip.
         damping: factor of the joints' viscous damping.
+        friction: factor of the joints' dry friction, where there is any.
+        bandwidth: factor of the bandwidth of the actuators, where they lag.
         payload: at the tip [kg].
         actuation_delay: whole steps after which an action is taken; until then the inputs stay as they are.
         tip_noise: standard deviation of the measured tip position, in each direction [m].
@@ -34,6 +36,8 @@ class Randomization:
     stiffness: tuple[float, float] | None = None
     mass: tuple[float, float] | None = None
     damping: tuple[float, float] | None = None
+    friction: tuple[float, float] | None = None
+    bandwidth: tuple[float, float] | None = None
     payload: tuple[float, float] | None = None
     actuation_delay: tuple[int, int] | None = None
     tip_noise: float = 0.0
@@ -45,11 +49,11 @@ class Randomization:
         Raises:
             ValueError: a range is not (low, high) with low <= high, or a number is out of range; the message names it.
         """
-        for name in ("stiffness", "mass", "damping", "payload", "actuation_delay"):
+        for name in ("stiffness", "mass", "damping", "friction", "bandwidth", "payload", "actuation_delay"):
             given = getattr(self, name)
             if given is None:
                 continue
-            above = name in ("stiffness", "mass")
+            above = name in ("stiffness", "mass", "bandwidth")
             try:
                 low, high = given
                 fine = bool(np.isfinite([low, high]).all()) and (low > 0 if above else low >= 0) and low <= high
@@ -118,19 +122,26 @@ class Randomization:
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> dict[str, np.ndarray]:
         """The sampled values of (seed, episode) pairs, both of shape (n,), by name; all but the payload."""
         stream = EpisodeStream(seed, episode, _FIRST_DRAW)
-        sampled = {}
+        sampled: dict[str, np.ndarray] = {}
         for name in ("stiffness", "mass", "damping"):
             number = stream.uniform()  # taken in any case, so that one range does not change another one's numbers
-            if getattr(self, name) is not None:
-                low, high = getattr(self, name)
-                sampled[name] = low + (high - low) * number
+            self._put(sampled, name, number)
         number = stream.uniform()
         if self.actuation_delay is not None:
             low, high = self.actuation_delay
             sampled["actuation_delay"] = np.minimum(np.floor(low + (high - low + 1) * number), high)
+        number = stream.uniform()
         if self.is_noisy:
-            sampled["noise_key"] = np.floor(_KEYS * stream.uniform())
+            sampled["noise_key"] = np.floor(_KEYS * number)
+        for name in ("friction", "bandwidth"):
+            self._put(sampled, name, stream.uniform())
         return sampled
+
+    def _put(self, sampled: dict[str, np.ndarray], name: str, number: np.ndarray) -> None:
+        """Add a quantity to what was sampled, if it is randomized; `number` is uniform in [0, 1)."""
+        if getattr(self, name) is not None:
+            low, high = getattr(self, name)
+            sampled[name] = low + (high - low) * number
 
     @staticmethod
     def normals(key: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:

@@ -160,6 +160,21 @@ _NOMINAL = (
         {"control": "tension", "backend": "mujoco", "observe_velocities": True},
         150,
     ),
+    Entry(
+        "tensegrity/TwoXFastReachMuJoCo-v0",
+        "2-X manipulator, lightly damped, with friction and lagging cables: how soon the tip stays on target",
+        "TwoXFastReach",
+        {"control": "tension", "backend": "mujoco", "observe_velocities": True},
+        150,
+    ),
+    Entry(
+        "tensegrity/DualTriangleFastReachMuJoCo-v0",
+        "three dual-triangle segments, lightly damped, with friction and lagging cables: how soon the tip stays on "
+        "target",
+        "DualTriangleFastReach",
+        {"backend": "mujoco", "observe_velocities": True},
+        150,
+    ),
 )
 # Those of which there is an uncertain twin, at level 2.
 _UNCERTAIN = (

@@ -7,6 +7,10 @@ told. Success is measured on the true tip. What the ranges stand for:
   batch, or one that has set.
 - mass: bars and platform are weighed to a few percent, but joints, cables, tendons and sensors come on top.
 - damping: the least known quantity of a mechanism; between two builds of the same joint it differs by a factor of two.
+- friction: of plain bearings; it changes with load, wear and grease as damping does, so it has the same ranges. Only
+  where an environment has dry friction.
+- bandwidth: of an actuator's current loop and its tendon; it changes with temperature and pretension by a tenth to a
+  half. Only where the actuators lag.
 - actuation delay: of whole control steps. Camera, bus, computer and motor each take some milliseconds: with a step of
   20 ms up to two steps are usual in one that is not made for speed.
 - tip noise: standard deviation of a position from a camera or a motion capture system, 0.5 to 2 mm.
@@ -27,6 +31,8 @@ LEVELS = tuple(
             "stiffness": (0.95, 1.05),
             "mass": (0.9, 1.1),
             "damping": (0.75, 1.33),
+            "friction": (0.75, 1.33),
+            "bandwidth": (0.9, 1.1),
             "actuation_delay": (0, 1),
             "tip_noise": 0.0005,
             "angle_noise": 0.0005,
@@ -35,6 +41,8 @@ LEVELS = tuple(
             "stiffness": (0.9, 1.1),
             "mass": (0.8, 1.2),
             "damping": (0.5, 2.0),
+            "friction": (0.5, 2.0),
+            "bandwidth": (0.8, 1.25),
             "actuation_delay": (0, 2),
             "tip_noise": 0.001,
             "angle_noise": 0.001,
@@ -43,6 +51,8 @@ LEVELS = tuple(
             "stiffness": (0.8, 1.2),
             "mass": (0.7, 1.3),
             "damping": (0.25, 4.0),
+            "friction": (0.25, 4.0),
+            "bandwidth": (0.67, 1.5),
             "actuation_delay": (0, 4),
             "tip_noise": 0.002,
             "angle_noise": 0.002,

@@ -104,6 +104,10 @@ DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
     },
 }
 
+DYNAMIC["TwoXFastReach"] = dict(DYNAMIC["TwoXReach"])
+DYNAMIC["DualTriangleFastReach"] = {
+    name: make for name, make in DYNAMIC["DualTriangleReach"].items() if name != "identifying_observer"
+}
 
 # Those that are registered for one id, by that id.
 _OWN: dict[str, dict[str, Callable[[Core], Any]]] = {}

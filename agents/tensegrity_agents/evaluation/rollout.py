@@ -139,6 +139,7 @@ class _Record:
         self.error = np.full(count, np.nan)
         self.stability, self.wrench = np.full(count, np.inf), np.full(count, np.inf)
         self.score = np.full(count, np.nan)
+        self.settling = np.full(count, np.nan)
         self.reasons = [""] * count
 
     def add(self, info: dict[str, Any], reward: np.ndarray, alive: np.ndarray, initial: bool = False) -> None:
@@ -152,6 +153,8 @@ class _Record:
         self.ever |= success & alive
         if "score" in info:
             self.score[alive] = info["score"][alive]
+        if "settling_time" in info:
+            self.settling[alive] = np.where(success, info["settling_time"], np.inf)[alive]
         self.stability[alive] = np.minimum(self.stability, info["stability_margin"])[alive]
         self.wrench[alive] = np.minimum(self.wrench, info["wrench_margin"])[alive]
         if initial:
@@ -180,4 +183,5 @@ class _Record:
             "effort": self.effort / steps,
             "return": self.total,
             "score": self.score,
+            "settling_time_s": self.settling,
         }

@@ -51,6 +51,8 @@ def summary_rows(runs: list[Run], reach: float | None = None) -> list[Row]:
         random = 0 and oracle = 1, NaN where unknown);
         score, score_low, score_high (mean over runs and episodes, bootstrap interval; NaN where the task has none);
         error_median_mm, error_p95_mm, and with `reach` error_median_share, error_p95_share of it;
+        settling_median, settling_p90 (of the time after which the tip stays on target [s], over all episodes, infinite
+        where it does not; NaN where the task does not ask for it);
         steps_median (to the target, of the episodes that got there; NaN if none), ended_early (share of the episodes);
         unstable, infeasible (share of all steps); stability_margin_p5, wrench_margin_p5 (5th percentile, over episodes,
         of the smallest margin in the episode); effort; microseconds (per action);
@@ -99,6 +101,7 @@ def _row(group: list[Run], reach: float | None) -> Row:
     median, p95 = float(np.median(error)), float(np.percentile(error, 95, method="higher"))
     reached, steps = column("steps_to_target"), column("steps")
     reached = reached[~np.isnan(reached)]
+    settling = column("settling_time_s")
     training_runs = len(group) if first.kind == "agent" or first.training_seed is not None else 0
     scores = np.stack([run.columns["score"] for run in group])
     score = Estimate(math.nan, math.nan, math.nan)
@@ -124,6 +127,8 @@ def _row(group: list[Run], reach: float | None) -> Row:
         "error_median_mm": median,
         "error_p95_mm": p95,
         "steps_median": float(np.median(reached)) if len(reached) else math.nan,
+        "settling_median": float(np.percentile(settling, 50, method="higher")),
+        "settling_p90": float(np.percentile(settling, 90, method="higher")),
         "ended_early": sum(reason != "" for run in group for reason in run.reasons) / (len(group) * episodes),
         "effort": float(np.mean(column("effort"))),
         "microseconds": float(np.mean([run.microseconds_per_action for run in group])),
@@ -215,6 +220,11 @@ def score_text(row: Row) -> str:
     return f"{row['score']:.2f} [{row['score_low']:.2f}, {row['score_high']:.2f}]"
 
 
+def seconds(value: float) -> str:
+    """A settling time [s], infinite where the tip does not stay on target, or a dash where nobody asks for it."""
+    return _NONE if math.isnan(value) else "\N{INFINITY}" if math.isinf(value) else f"{value:.2f}"
+
+
 def steps_text(value: float) -> str:
     """A median number of steps, or a dash where the target was never reached."""
     return _NONE if math.isnan(value) else f"{value:g}"
@@ -228,7 +238,10 @@ def print_table(rows: list[Row], console: Console) -> None:
     narrow = console.width < 98
     episodes = max((row["episodes"] for row in rows), default=0)
     with_score = any(not math.isnan(row["score"]) for row in rows)
+    settles = any(not math.isnan(row["settling_median"]) for row in rows)
     explained = "ever: on target at any step. steps: median of the episodes that got there."
+    if settles:
+        explained = "ever: settled at any step. settled: median time after which the tip stays on target."
     if with_score:
         explained = "score: largest force held, in critical loads of the straight arm."
     table = Table(
@@ -245,7 +258,7 @@ def print_table(rows: list[Row], console: Console) -> None:
         "ever\n[%]",
         f"error [{rows[0]['error_unit'] if rows else 'mm'}]\nmedian",
         "\n95th",
-        "steps\n",
+        "settled\n[s]" if settles else "steps\n",
         "unstab.\n[%]",
         "infeas.\n[%]",
         "effort\n[-]",
@@ -268,7 +281,7 @@ def print_table(rows: list[Row], console: Console) -> None:
             percent(row["success_ever"]),
             error_text(row, "error_median_mm"),
             error_text(row, "error_p95_mm"),
-            steps_text(row["steps_median"]),
+            seconds(row["settling_median"]) if settles else steps_text(row["steps_median"]),
             percent(row["unstable"]),
             percent(row["infeasible"]),
             plain(row["effort"]),
@@ -283,6 +296,7 @@ def to_markdown(rows: list[Row]) -> str:
     """The rows as a Markdown table, agents in bold."""
     with_reach = all("error_p95_share" in row for row in rows)
     with_score = any(not math.isnan(row["score"]) for row in rows)
+    settles = any(not math.isnan(row["settling_median"]) for row in rows)
     header = [
         "controller",
         "success [%], 95% interval",
@@ -292,6 +306,7 @@ def to_markdown(rows: list[Row]) -> str:
         "95th percentile",
     ]
     header += ["95th percentile [% of reach]"] if with_reach else []
+    header += ["settling time [s] median", "90th percentile"] if settles else []
     header += ["steps to target", "unstable steps [%]", "infeasible steps [%]", "stability margin, 5th percentile"]
     header += ["wrench margin, 5th percentile", "effort", "µs per action"]
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" + "---:|" * (len(header) - 1)]
@@ -303,6 +318,7 @@ def to_markdown(rows: list[Row]) -> str:
         cells += [percent(row["success_ever"])]
         cells += [error_text(row, "error_median_mm"), error_text(row, "error_p95_mm")]
         cells += [percent(row["error_p95_share"])] if with_reach else []
+        cells += [seconds(row["settling_median"]), seconds(row["settling_p90"])] if settles else []
         cells += [steps_text(row["steps_median"]), percent(row["unstable"]), percent(row["infeasible"])]
         cells += [plain(row["stability_margin_p5"]), plain(row["wrench_margin_p5"]), plain(row["effort"])]
         lines.append("| " + " | ".join([*cells, microseconds(row["microseconds"])]) + " |")

@@ -5,6 +5,7 @@ from typing import Any
 
 from tensegrity_envs.core import Core
 from tensegrity_envs.environments.dual_triangle import DualTrianglePush, DualTriangleReach
+from tensegrity_envs.environments.fast import DualTriangleFastReach, TwoXFastReach
 from tensegrity_envs.environments.n_x import NXReach
 from tensegrity_envs.environments.planar_four_bar import PlanarFourBarReach
 from tensegrity_envs.environments.spatial_prism import SpatialPrismTrack
@@ -21,16 +22,20 @@ ARMS: dict[str, type[Core]] = {
         PlanarFourBarReach,
         SpatialPrismTrack,
         NXReach,
+        TwoXFastReach,
+        DualTriangleFastReach,
     )
 }
 
 __all__ = [
     "ARMS",
+    "DualTriangleFastReach",
     "DualTrianglePush",
     "DualTriangleReach",
     "NXReach",
     "PlanarFourBarReach",
     "SpatialPrismTrack",
+    "TwoXFastReach",
     "TwoXPostureChange",
     "TwoXReach",
     "core_of",

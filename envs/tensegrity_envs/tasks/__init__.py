@@ -1,6 +1,7 @@
 """Tasks: what is to be done with a mechanism, and what it is worth."""
 
 from tensegrity_envs.tasks.base import Task
+from tensegrity_envs.tasks.fast_reach import FastReach
 from tensegrity_envs.tasks.hold import Hold
 from tensegrity_envs.tasks.posture import Posture
 from tensegrity_envs.tasks.reach import InputReach, Reach
@@ -8,6 +9,7 @@ from tensegrity_envs.tasks.track import Track
 from tensegrity_envs.tasks.weights import HoldWeights, PostureWeights, ReachWeights, TrackWeights, Weights
 
 __all__ = [
+    "FastReach",
     "Hold",
     "HoldWeights",
     "InputReach",

@@ -43,7 +43,7 @@ class DualTriangleReach(DualTriangleCore):
     def __init__(self, load_range: tuple[float, float] | None = None, **shared: Any) -> None:
         options = Options.of(type(self), shared)
         applicable = {"stiffness", "actuation_delay", "tip_noise", "angle_noise"}
-        applicable |= {"mass", "damping"} if options.is_dynamic else set()
+        applicable |= options.varied_dynamics | ({"mass"} if options.is_dynamic else set())
         self.take_options(options, applicable, f"a {options.backend} arm of dual-triangles")
         control = DeltaControl(self.nominal)
         self.set_simulation(control, options, Dynamics(timestep=0.002, frame_skip=10))

@@ -85,7 +85,7 @@ class PlanarFourBarReach(Core):
             raise ValueError(f"load_range = {load_range!r}: there are no dynamics under a load yet; give None")
         applicable = {"actuation_delay", "tip_noise", "angle_noise"}
         applicable |= {"stiffness"} if load_range is None else set()  # loaded targets depend on it
-        applicable |= {"mass", "damping"} if options.is_dynamic else set()
+        applicable |= options.varied_dynamics | ({"mass"} if options.is_dynamic else set())
         self.take_options(options, applicable, f"a {options.backend} planar 4-bar mechanism")
         if self.design.is_batch:
             raise TypeError(f"design = {self.design!r}: must be one design, not a batch")

@@ -83,7 +83,7 @@ class SpatialPrismTrack(Core):
         options = Options.of(type(self), shared)
         applicable = {"actuation_delay", "tip_noise"}
         applicable |= {"stiffness"} if payload_range is None else set()  # loaded starts depend on it
-        applicable |= {"mass", "damping"} if options.is_dynamic else set()
+        applicable |= options.varied_dynamics | ({"mass"} if options.is_dynamic else set())
         self.take_options(options, applicable, f"a {options.backend} spatial prism")
         self.nominal = SpatialPrism(self.design)
         self.hidden_info_keys = () if payload_range is None else ("load",)

@@ -69,7 +69,7 @@ class TwoXReach(TwoXRegions, Core):
                 f"backend = {options.backend!r}: needs control = 'tension' (cables pull, joints have no motors)"
             )
         applicable = {"stiffness", "mass", "payload", "actuation_delay", "tip_noise", "angle_noise"}
-        applicable |= {"damping"} if options.is_dynamic else set()
+        applicable |= options.varied_dynamics
         self.take_options(options, applicable, f"a {options.backend} {self.arm_name}")
         if control != "tension" or payload_range is not None:
             self.randomizable -= {"payload"}
