@@ -40,7 +40,7 @@ def test_what_is_drawn_fills_the_ranges_of_the_level(env_id, level):
     info = envs.reset(seed=1)[1]
     for name, value in LEVELS[level].items():
         if f"random_{name}" not in info:
-            assert name in {"mass", "damping", "tip_noise", "angle_noise"}
+            assert name in {"mass", "damping", "friction", "bandwidth", "tip_noise", "angle_noise"}
             continue
         low, high = value
         drawn = info[f"random_{name}"]
