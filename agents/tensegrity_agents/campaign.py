@@ -25,6 +25,7 @@ from tensegrity_agents.evaluation.records import Record, hash_of, read_record, r
 from tensegrity_agents.evaluation.results import Progress, Run, kind_of
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.experiment import agent_name, train_agents
+from tensegrity_agents.sb3.checkpoint import CHECKPOINT
 from tensegrity_agents.sb3.policy_file import DESCRIPTION, WEIGHTS
 from tensegrity_envs.seeding import TEST_SEED
 from tensegrity_envs.uncertainty import LEVELS
@@ -121,7 +122,7 @@ def measure(task: Task, results: Path, records: Path, progress: Progress) -> Rec
             task.config,
             seed=task.seed,
             frames=about["timesteps"],
-            cpu_seconds=round(_cpu_seconds(home), 1),
+            cpu_seconds=_cpu_seconds(home),
             wall_seconds=about["training_seconds"],
         )
         knows = agent.knows
@@ -158,17 +159,19 @@ class _counting:
         self.home = home
 
     def __enter__(self) -> None:
+        self.is_fresh = not any((self.home / name).is_file() for name in (DESCRIPTION, CHECKPOINT))
         self.before, self.begun = _cpu_seconds(self.home), time.process_time()
 
     def __exit__(self, *_: object) -> None:
-        spent = time.process_time() - self.begun
-        if self.home.is_dir():
-            (self.home / _CPU).write_text(json.dumps(self.before + spent))
+        before = 0.0 if self.is_fresh else self.before
+        if before is not None and self.home.is_dir():
+            (self.home / _CPU).write_text(json.dumps(before + time.process_time() - self.begun))
 
 
-def _cpu_seconds(home: Path) -> float:
+def _cpu_seconds(home: Path) -> float | None:
+    """What a training has cost; None where it was begun by another command, which does not count it."""
     path = home / _CPU
-    return float(json.loads(path.read_text())) if path.is_file() else 0.0
+    return round(float(json.loads(path.read_text())), 1) if path.is_file() else None
 
 
 def run_campaign(

@@ -10,6 +10,7 @@ from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.evaluation.records import Record, packed, read_record, read_records, unpacked
 from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.experiment import train_agents
 from tensegrity_agents.sb3.policy_file import load_policy
 from tensegrity_envs.seeding import TEST_SEED
 
@@ -60,6 +61,13 @@ def test_a_campaign_keeps_what_was_measured_and_does_it_once(tmp_path, monkeypat
     }
     monkeypatch.undo()
     assert measured(other, tmp_path)["agent-0"].config != rows["agent-0"].config
+
+
+def test_time_that_was_not_counted_is_not_made_up(tmp_path):
+    experiment = Experiment(**SMALL | {"seeds": [0], "controllers": []})
+    home = Task(experiment, 0).home(tmp_path / "results")
+    train_agents(experiment, home.parent, silent)
+    assert measured(experiment, tmp_path)["agent-0"].cpu_seconds is None
 
 
 def test_two_processes_find_the_same(tmp_path):

@@ -65,7 +65,8 @@ def main(
 def _in_words(found: Record | Exception) -> str:
     if isinstance(found, Exception):
         return f"failed: {found}"
-    trained = "" if found.frames is None else f", {found.frames:,} steps in {found.cpu_seconds:.0f} s of CPU time"
+    trained = "" if found.frames is None else f", {found.frames:,} steps"
+    trained += "" if found.cpu_seconds is None else f" in {found.cpu_seconds:.0f} s of CPU time"
     return f"{percent(float(found.flags().mean()), '%')} of {found.episodes:,} test episodes{trained}"
 
 

@@ -11,6 +11,7 @@ SUBCOMMANDS = {
     "train": "Train agents as a config says.",
     "compare": "Train agents, compare them with the analytic controllers, write the report.",
     "campaign": "Measure the agents and controllers of all environments, once.",
+    "matrix": "Write who wins where, of all rows of campaigns.",
     "evaluate": "Score controllers and policies on the same held-out episodes.",
     "transfer": "Score agents and baselines at rest and in motion, made for either.",
     "tune": "Tune an analytic controller on validation episodes.",

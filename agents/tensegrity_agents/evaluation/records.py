@@ -29,7 +29,7 @@ class Record:
         steps_to_target: median over episodes that got there, else None.
         seed: of the training, else None.
         frames: environment steps of the training.
-        cpu_seconds: of the training, of all processes that took part in it.
+        cpu_seconds: of the training; None where it is not known.
         wall_seconds: of the training.
     """
 

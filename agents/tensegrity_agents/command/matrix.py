@@ -1,0 +1,34 @@
+"""Who wins where: the table and the figures of all rows that `tensegrity campaign` has kept."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tensegrity_agents.config import ConfigError
+from tensegrity_agents.console import checked_folder, clear_errors, say
+from tensegrity_agents.evaluation.records import read_records
+from tensegrity_agents.reporting.matrix import matrix_figure, matrix_to_markdown, uncertainty_figure
+from tensegrity_agents.reporting.style import save
+
+
+def main(
+    records: Annotated[Path, typer.Option(help="folder of the rows that `tensegrity campaign` kept")] = Path("records"),
+    out: Annotated[Path, typer.Option(help="folder of the table and the figures")] = Path("results/matrix"),
+) -> None:
+    """Write who wins where: matrix.md and who_wins (ids by controllers), uncertainty (success by level).
+
+    Example: tensegrity matrix --records records --out results/matrix
+    """
+    with clear_errors():
+        checked_folder(out, "--out")
+        found = read_records(records)
+        if not found:
+            raise ConfigError(f"--records {records}: no rows in it; `tensegrity campaign` measures some")
+        out.mkdir(parents=True, exist_ok=True)
+        text = matrix_to_markdown(found)
+        (out / "matrix.md").write_text(text)
+        say(text)
+        say(str(save(matrix_figure(found), out / "who_wins")))
+        if any(len(record.successes) > 1 for group in found.values() for record in group):
+            say(str(save(uncertainty_figure(found), out / "uncertainty")))
