@@ -11,7 +11,7 @@ from tensegrity_envs.core import Core
 from tensegrity_envs.seeding import stored_seed
 
 _DRAWN = 2048  # episodes at once, but for many environments
-_LEAST_AHEAD, _MOST_AHEAD = 4, 64  # episodes of each environment
+_LEAST_AHEAD, _MOST_AHEAD = 8, 64  # episodes of each environment
 
 
 def checked_options(options: Any) -> dict[str, Any]:
