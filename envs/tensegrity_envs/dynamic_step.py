@@ -53,14 +53,15 @@ class DynamicStep:
     def step(self, engine: "Engine", episodes: np.ndarray, states: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """The outcomes one step later; see `Batch.step`."""
         commands = self._command(episodes, states, actions)
-        rows = self._command.result.rows
-        motion = engine.move(
-            commands[list(rows.state.physics)],
-            commands[list(rows.actuation)],
-            commands[list(rows.load)],
-            self._models(engine, episodes),
-        )
+        physics, actuation, load = self._told
+        motion = engine.move(commands[physics], commands[actuation], commands[load], self._models(engine, episodes))
         return self._finish(episodes, commands[: self.states.size], motion)
+
+    @cached_property
+    def _told(self) -> list[slice]:
+        """Rows of the matrix of commands that the engine is told: its state, the actuation and the load."""
+        rows = self._command.result.rows
+        return [slice(part[0], part[-1] + 1) for part in (rows.state.physics, rows.actuation, rows.load)]
 
     @cached_property
     def _varied(self) -> list[int]:

@@ -20,10 +20,19 @@ def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
         rows: shape (n, m).
         matrix: shape (m, k).
     """
-    total: np.ndarray = rows[:, :1] * matrix[0]
-    for i in range(1, len(matrix)):
-        total += rows[:, i : i + 1] * matrix[i]
-    return total
+    out = np.empty((len(rows), matrix.shape[1]))
+    _product.run(np.ascontiguousarray(rows, float), np.ascontiguousarray(matrix, float), out)
+    return out
+
+
+@Compiled
+def _product(rows: Matrix, matrix: Matrix, out: Matrix) -> None:
+    for k in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[k, j] = rows[k, 0] * matrix[0, j]
+        for i in range(1, matrix.shape[0]):
+            for j in range(out.shape[1]):
+                out[k, j] += rows[k, i] * matrix[i, j]
 
 
 def turned_product(samples: tuple[np.ndarray, ...], matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
