@@ -26,6 +26,11 @@ def pytest_configure(config):
     law_rows.take(config)
 
 
+def pytest_ignore_collect(collection_path):
+    """Import no file without a law where `--ids` or `--cases` ask for laws alone."""
+    return law_rows.has_no_law(collection_path) or None
+
+
 def pytest_collection_modifyitems(config, items):
     """Leave out the full tier unless it is asked for; run tests of one environment in one process (`--dist loadgroup`),
     which compiles its code once.

@@ -49,6 +49,11 @@ def take(config):
         CASES.extend(module.CASES)
 
 
+def has_no_law(path):
+    """Whether laws were asked for, and a file of tests has none."""
+    return bool(IDS or CASES) and path.suffix == ".py" and "law_rows" not in path.read_text()
+
+
 def select(config, items):
     """Leave only the laws of what was asked for, if anything was."""
     if not (IDS or CASES):

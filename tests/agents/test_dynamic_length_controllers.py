@@ -4,26 +4,23 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from baseline_runs import columns_of, of_group
+
 pytest.importorskip("mujoco")
 
-from tensegrity_agents.controllers import BASELINES, DYNAMIC, make_controller, planar_four_bar
+from tensegrity_agents.controllers import BASELINES, DYNAMIC, planar_four_bar
 from tensegrity_agents.controllers.fixed_length_damping import Damping
 from tensegrity_agents.controllers.planar_four_bar.dynamic import PlannedPath
 from tensegrity_agents.controllers.planar_four_bar.modes import FourBarModes
 from tensegrity_agents.controllers.spatial_prism.modes import PrismModes
-from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.evaluation.transfer import pair_of
-from tensegrity_envs.seeding import VALIDATION_SEED
 
 FOUR_BAR, PRISM = "tensegrity/PlanarFourBarReachMuJoCo-v0", "tensegrity/SpatialPrismTrackMuJoCo-v0"
 
 
-def columns(name, env_id, episodes):
-    return evaluate(make_controller(name, env_id), env_id, episodes, VALIDATION_SEED, name).columns
-
-
+@of_group(FOUR_BAR)
 def test_damping_and_shaping_leave_less_vibration_in_the_four_bar():
-    found = {name: columns(name, FOUR_BAR, 30) for name in DYNAMIC["PlanarFourBarReach"]}
+    found = {name: columns_of(FOUR_BAR, name) for name in DYNAMIC["PlanarFourBarReach"]}
     error = {name: np.median(c["final_error_m"]) for name, c in found.items()}
     success = {name: c["success"].mean() for name, c in found.items()}
     assert success["closed_form_ramp"] >= 0.98
@@ -33,9 +30,10 @@ def test_damping_and_shaping_leave_less_vibration_in_the_four_bar():
     assert error["closed_form_damped"] < 0.01 * error["closed_form_ik"]
 
 
+@of_group(PRISM)
 @pytest.mark.parametrize("name", [name for name in DYNAMIC["SpatialPrismTrack"] if name != "oracle"])
 def test_the_prism_stays_on_its_curve(name):
-    assert columns(name, PRISM, 6)["success"].all()
+    assert columns_of(PRISM, name)["success"].all()
 
 
 def test_damping_halves_the_error_after_the_start_of_the_prism():

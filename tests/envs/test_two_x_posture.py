@@ -6,11 +6,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from baseline_runs import columns_of, of_group
 from tensegrity_agents.controllers import make_controller
-from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_envs import termination_reason
 from tensegrity_envs.mechanics import FURET2018, MURALIDHARAN2022, TwoX
-from tensegrity_envs.seeding import VALIDATION_SEED
 
 ENV = "tensegrity/TwoXPostureChange-v0"
 
@@ -59,11 +58,10 @@ def test_an_episode_ends_where_det_j_gets_small_or_changes_its_sign_and_only_the
     assert ended > 20
 
 
+@of_group(ENV)
 def test_the_planner_changes_postures_and_straight_paths_do_not():
-    shares = {}
-    for name in ("planner", "straight_path", "pseudo_inverse"):
-        run = evaluate(make_controller(name, ENV), ENV, 40, VALIDATION_SEED, name)
-        shares[name] = run.columns["success"].mean()
+    names = ("planner", "straight_path", "pseudo_inverse")
+    shares = {name: columns_of(ENV, name)["success"].mean() for name in names}
     assert shares["planner"] >= 0.95
     assert shares["straight_path"] <= 0.2
     assert shares["pseudo_inverse"] == 0
@@ -75,9 +73,11 @@ def test_the_potential_rises_along_the_planners_way():
     for seed in range(5):
         observation, info = env.reset(seed=seed)
         planner.begin_episodes(np.ones(1, bool), env.unwrapped.design)
-        values, ended = [info["reward_potential"]], False
+        values, ended, memory = [info["reward_potential"]], False, None
+        start = np.ones(1, bool)
         while not ended and not info["is_success"]:
-            action, _ = planner.predict({key: value[None] for key, value in observation.items()})
+            action, memory = planner.predict({key: value[None] for key, value in observation.items()}, memory, start)
+            start = np.zeros(1, bool)
             observation, _, terminated, truncated, info = env.step(action[0])
             ended = terminated or truncated
             values.append(info["reward_potential"])

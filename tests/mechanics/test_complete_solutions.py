@@ -119,9 +119,10 @@ def test_inverse_solutions_at_joint_limits(design, limit):
 
 @pytest.mark.parametrize("closeness", [1e-2, 1e-4, 1e-6, 1e-8])
 @pytest.mark.parametrize("a", [0.0, 0.3])
-def test_inverse_solutions_as_bars_become_equal(a, closeness):
+@pytest.mark.parametrize("count", [40, pytest.param(150, marks=pytest.mark.full)])
+def test_inverse_solutions_as_bars_become_equal(a, closeness, count):
     design = TwoXDesign(b=1 - closeness, l=1.0, a=a, k1=1.0, k2=1.0, min_tension=0.0, max_tension=1.0)
-    assert not lost(TwoX(design), np.random.default_rng(0).uniform(-3.1, 3.1, (150, 2)))
+    assert not lost(TwoX(design), np.random.default_rng(0).uniform(-3.1, 3.1, (count, 2)))
 
 
 @pytest.mark.parametrize("b", [0.4, 0.9])
@@ -186,11 +187,12 @@ def test_errors_of_areas_know_of_slivers():
     assert workspace.area_error < 0.3 * mapped
 
 
-def test_no_prism_is_stable_that_is_not_in_balance():
+@pytest.mark.parametrize("count", [100, pytest.param(400, marks=pytest.mark.full)])
+def test_no_prism_is_stable_that_is_not_in_balance(count):
     """Down to platforms a rounding error above the base."""
     prism, rng = SpatialPrism(), np.random.default_rng(0)
     stable = 0
-    for _ in range(400):
+    for _ in range(count):
         height = 10 ** rng.uniform(-10, 0)
         position = (rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), height)
         wrench = rng.normal(size=6) * 10 ** rng.uniform(-3, 1) * (rng.random(6) < 0.7)
@@ -198,7 +200,7 @@ def test_no_prism_is_stable_that_is_not_in_balance():
         stable += bool(found.is_stable)
         size = 10.0 + np.abs(wrench).sum()  # k d D = 10 N m
         assert not found.is_stable or found.residual <= 1e-6 * size
-    assert stable > 100
+    assert stable > count / 4
 
 
 @pytest.mark.parametrize("angle", [0.3, 1.0, 2.0, 2.9])
