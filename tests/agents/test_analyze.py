@@ -13,25 +13,22 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import shapely
+from drawn_analyses import DESIGNS, drawn, of_group
 from PIL import Image as Picture
 
 from tensegrity_agents.analysis import ANALYSES, analyze, as_text, parse_design
 from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022, TwoX
 
-pytestmark = pytest.mark.xdist_group("analyze")  # what is drawn once, is drawn in one process
 ROOT = Path(__file__).parents[2]
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
 )
-DESIGNS = ["muralidharan2022", "furet2018,b=0.9", "muralidharan2022,k1=50,k2=25,max_tension=20"]
-ARM, PLAIN, EMPTY = (d.replace(",", "_") for d in DESIGNS)
+ARM, PLAIN, EMPTY = (d.replace(",", "_") for d in DESIGNS["two-x"])
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("analysis")
-    shown = []
-    numbers = analyze("two-x", DESIGNS, folder, lambda *step: shown.append(step))
+@pytest.fixture(params=[pytest.param("two-x", marks=of_group("two-x"))])
+def results(request):
+    folder, _, numbers, shown = drawn(request.param)
     return folder, numbers, shown
 
 
@@ -253,14 +250,16 @@ def test_page_of_an_empty_set(results, tmp_path):
     assert '<span id="count">0</span>' in document
 
 
-def test_planar_four_bar(tmp_path):
-    numbers = analyze("planar-four-bar", [], tmp_path, lambda *step: None)["ji2014"]
+@of_group("planar-four-bar")
+def test_planar_four_bar():
+    folder, _, numbers, _ = drawn("planar-four-bar")
+    numbers = numbers["ji2014"]
     assert numbers["actuator workspace, rectangle [m2]"] == pytest.approx(314.159, abs=1e-3)
     assert numbers["output workspace, rectangle [m2]"] == pytest.approx(412.5, abs=0.1)
     for stem in ("ji_fig2_actuator_workspace", "ji_fig3_output_workspace", "singular_configurations", "thrusts"):
-        picture = np.asarray(Picture.open(tmp_path / "ji2014" / f"{stem}.png").convert("L"), float)
+        picture = np.asarray(Picture.open(folder / "ji2014" / f"{stem}.png").convert("L"), float)
         assert picture.shape[1] > 900
         assert picture.std() > 5
-    regions = json.loads((tmp_path / "ji2014" / "output_paper.geojson").read_text())
+    regions = json.loads((folder / "ji2014" / "output_paper.geojson").read_text())
     area = sum(shapely.geometry.shape(feature["geometry"]).area for feature in regions["features"])
     assert area == pytest.approx(numbers["output workspace, paper [m2]"], rel=1e-6)

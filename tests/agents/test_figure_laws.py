@@ -8,60 +8,42 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from figure_laws import faults
+from drawn_analyses import DESIGNS, drawn, of_group
 from PIL import Image
 
-from tensegrity_agents.analysis import analyze, base
-from tensegrity_agents.reporting.style import save, without_jumps
+from tensegrity_agents.reporting.style import without_jumps
 
-MECHANISMS = {
-    "two-x": ["muralidharan2022", "furet2018,b=0.9"],
-    "dual-triangle": ["zhao2021_caption"],
-    "planar-four-bar": ["ji2014"],
-    "spatial-prism": ["jahromy"],
-}
+# Drawing these takes a minute together.
+SLOW = ("dual-triangle", "spatial-prism")
 
 
-# Those of one mechanism are drawn once, in one process.
-GROUPS = [pytest.param(name, marks=pytest.mark.xdist_group(f"figures-{name}")) for name in MECHANISMS]
+@pytest.fixture(
+    params=[pytest.param(name, marks=[of_group(name), *[pytest.mark.full] * (name in SLOW)]) for name in DESIGNS]
+)
+def analysis(request):
+    return drawn(request.param)
 
 
-@pytest.fixture(scope="module", params=GROUPS)
-def drawn(request, tmp_path_factory):
-    folder = tmp_path_factory.mktemp(request.param)
-    figures = []
-
-    def keep(figure, stem, title=""):
-        figures.append((stem, title, faults(figure)))
-        return save(figure, stem, title)
-
-    patch = pytest.MonkeyPatch()
-    patch.setattr(base, "save", keep)
-    analyze(request.param, MECHANISMS[request.param], folder, lambda *step: None)
-    patch.undo()
-    return folder, figures
+def test_axes_have_units_and_legends_cover_nothing(analysis):
+    assert {stem.name: found for stem, _, found in analysis.figures if found} == {}
 
 
-def test_axes_have_units_and_legends_cover_nothing(drawn):
-    assert {stem.name: found for stem, _, found in drawn[1] if found} == {}
-
-
-def test_titles_differ(drawn):
-    titles = [title for _, title, _ in drawn[1]]
+def test_titles_differ(analysis):
+    titles = [title for _, title, _ in analysis.figures]
     assert all(titles)
     assert len(set(titles)) == len(titles)
 
 
-def test_there_are_three_formats_with_the_title_within(drawn):
-    for stem, title, _ in drawn[1]:
+def test_there_are_three_formats_with_the_title_within(analysis):
+    for stem, title, _ in analysis.figures:
         png, svg, pdf = (stem.with_name(f"{stem.name}.{ending}") for ending in ("png", "svg", "pdf"))
         assert Image.open(png).text["Title"] == title
         assert title in svg.read_text()
         assert pdf.read_bytes().startswith(b"%PDF")
 
 
-def test_every_mechanism_has_a_workspace_and_a_page(drawn):
-    folder, figures = drawn
+def test_every_mechanism_has_a_workspace_and_a_page(analysis):
+    folder, figures, *_ = analysis
     assert any("workspace" in stem.name or "boundaries" in stem.name for stem, _, _ in figures)
     pages = list(folder.rglob("browse.html"))
     assert pages
@@ -69,8 +51,8 @@ def test_every_mechanism_has_a_workspace_and_a_page(drawn):
         assert 'id="work"' in page.read_text()
 
 
-def test_boundaries_are_curves_not_cells(drawn):
-    for stem, _, _ in drawn[1]:
+def test_boundaries_are_curves_not_cells(analysis):
+    for stem, _, _ in analysis.figures:
         assert not re.search(r"<image", stem.with_name(stem.name + ".svg").read_text()), stem
 
 
@@ -93,10 +75,10 @@ PLACES = {
 
 
 @pytest.mark.skipif(NODE is None, reason="no node to run the page's script")
-def test_pages_have_ticks_and_show_arms(drawn, request):
-    mechanism = request.node.callspec.params["drawn"]
+def test_pages_have_ticks_and_show_arms(analysis, request):
+    mechanism = request.node.callspec.params["analysis"]
     (x, y), count = PLACES[mechanism]
-    page = next(iter(sorted(drawn[0].rglob("browse.html"), reverse=True)))
+    page = analysis.folder / next(iter(analysis.numbers)) / "browse.html"
     script = Path(__file__).with_name("browse_in_node.js")
     done = subprocess.run([NODE, script, page, str(x), str(y)], capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -76,6 +77,12 @@ def boundary_scan(mechanism: TwoX, intervals: Sequence[Interval], fixed: float, 
     return figure
 
 
+def _say_empty(joints: Axes, positions: Axes) -> None:
+    positions.set(xlabel="x [m]", ylabel="y [m]")
+    for axes in (joints, positions):
+        note(axes, "no stable, wrench-feasible configuration")
+
+
 @styled
 def stable_sets(mechanism: TwoX, cloud: Cloud, joint_space: Traced, workspace: Image) -> Figure:
     """SWFJ and SWFW with the two sheets of det J, [Muralidharan2022, Fig. 4]: points, and curves through them."""
@@ -83,8 +90,7 @@ def stable_sets(mechanism: TwoX, cloud: Cloud, joint_space: Traced, workspace: I
     left, right = figure.subplots(1, 2)
     joint_axes(left, PI)
     if joint_space.is_empty:
-        for axes in (left, right):
-            note(axes, "no stable, wrench-feasible configuration")
+        _say_empty(left, right)
         return figure
     for sheet in workspace.sheets:
         colour = POSITIVE if ">" in sheet.name else NEGATIVE
@@ -129,8 +135,7 @@ def active_conditions(mechanism: TwoX, joint_space: Traced, workspace: Image) ->
     left, right = figure.subplots(1, 2)
     joint_axes(left, PI)
     if joint_space.is_empty:
-        for axes in (left, right):
-            note(axes, "no stable, wrench-feasible configuration")
+        _say_empty(left, right)
         return figure
     names = (*joint_space.region.names, LIMIT)
     lengths = joint_space.lengths()
