@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import shapely
 
+from tensegrity_envs.geometry.dual_triangle_fields import maximum, region_of, room, stiffness
 from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, ZHAO2021_TEXT, DualTriangle
-from tensegrity_envs.mechanics.dual_triangle.fields import maximum, region_of, room, stiffness
 
 
 def random_tips(arm, measure, count=200_000):

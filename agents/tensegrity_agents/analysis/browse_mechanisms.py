@@ -8,9 +8,9 @@ import numpy as np
 import shapely
 
 from tensegrity_agents.analysis.browse_page import Sample, Shape, members_of, write_browse_page
+from tensegrity_envs.geometry.dual_triangle_fields import maximum, region_of, room
 from tensegrity_envs.geometry.overlay import Image
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle
-from tensegrity_envs.mechanics.dual_triangle.fields import maximum, region_of, room
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 from tensegrity_envs.mechanics.spatial_prism import SpatialPrism
 

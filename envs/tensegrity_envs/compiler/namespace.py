@@ -34,6 +34,10 @@ class Namespace(Protocol):
         """Square root."""
         ...
 
+    def atan2(self, y: Component, x: Component, /) -> Component:
+        """Angle of (x, y) [rad]."""
+        ...
+
     def hypot(self, x: Component, y: Component, /) -> Component:
         """sqrt(x^2 + y^2)."""
         ...
@@ -50,8 +54,12 @@ class Namespace(Protocol):
         """x where the condition holds, elsewhere y."""
         ...
 
+    def isfinite(self, x: Component, /) -> Component:
+        """Whether it is a number, and not infinite."""
+        ...
 
-_SCALAR = SimpleNamespace(
+
+_SCALAR: Any = SimpleNamespace(
     sin=math.sin,
     cos=math.cos,
     sqrt=math.sqrt,
@@ -62,10 +70,10 @@ _SCALAR = SimpleNamespace(
     where=lambda condition, a, b: a if condition else b,
     isfinite=math.isfinite,
 )
-_TORCH: list[SimpleNamespace] = []
+_TORCH: list[Namespace] = []
 
 
-def _torch_namespace() -> SimpleNamespace:
+def _torch_namespace() -> Namespace:
     if not _TORCH:
         torch = sys.modules["torch"]
 
@@ -88,13 +96,13 @@ def _torch_namespace() -> SimpleNamespace:
     return _TORCH[0]
 
 
-def namespace_of(*components: Component) -> Any:
+def namespace_of(*components: Component) -> Namespace:
     """The namespace for these components: Torch if any is a tensor, NumPy if any is an array, else `math`.
 
     Raises:
         TypeError: there are both tensors and arrays.
     """
-    found: Any = _SCALAR
+    found: Namespace = _SCALAR
     tensor = False
     for component in components:
         kind = type(component)
@@ -103,7 +111,8 @@ def namespace_of(*components: Component) -> Any:
         if isinstance(component, np.ndarray):
             found = np
         elif hasattr(kind, "namespace"):  # a symbol, or a number of a traced function; both have the same one
-            return kind.namespace
+            traced: Namespace = kind.namespace
+            return traced
         elif is_tensor(component):
             tensor = True
     if not tensor:
@@ -126,7 +135,7 @@ def to_single(component: Component) -> Component:
     if isinstance(component, np.ndarray):
         return component.astype(np.float32).astype(float)
     if hasattr(type(component), "namespace"):
-        return namespace_of(component).single(component)
+        return type(component).namespace.single(component)
     return float(np.float32(component))
 
 

@@ -11,12 +11,13 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
+from numpy.typing import ArrayLike
 
-from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.geometry import aspects as generic
 from tensegrity_envs.geometry import singularity
 from tensegrity_envs.geometry.aspects import Aspects, PosturePath
@@ -46,7 +47,7 @@ def is_cuspidal(b: float, l: float) -> bool:
     return l < b * math.sqrt(6)
 
 
-def singular_factor(mechanism: TwoX) -> Callable[[Any], Component]:
+def singular_factor(mechanism: TwoX) -> Callable[[Components], Component]:
     """A function whose simple zeros are the singular curves.
 
     det J itself with offsets. Without, det J has a factor that vanishes on the lines alpha_1 + alpha_2 = +-2 pi, where
@@ -56,10 +57,10 @@ def singular_factor(mechanism: TwoX) -> Callable[[Any], Component]:
     if mechanism.design.a:
         return mechanism.jacobian_determinant
 
-    def quotient(q1: Any, q2: Any) -> Any:
+    def quotient(q1: Component, q2: Component) -> Component:
         return mechanism.jacobian_determinant((q1, q2)) / np.cos((q1 + q2) / 4)
 
-    def factor(q: Any) -> Component:
+    def factor(q: Sequence[Component]) -> Component:
         q1, q2 = np.broadcast_arrays(np.asarray(q[0], float), np.asarray(q[1], float))
         close = np.abs(np.cos((q1 + q2) / 4)) < 1e-4
         value = np.asarray(quotient(q1, np.where(close, q2 + 1.0, q2)))
@@ -75,6 +76,9 @@ def singular_factor(mechanism: TwoX) -> Callable[[Any], Component]:
 def is_full_torus(mechanism: TwoX) -> bool:
     """Whether the joints can turn full circle."""
     return bool(mechanism.design.joint_limit >= 2 * math.pi * (1 - 1e-12))
+
+
+K = TypeVar("K", int, str)
 
 
 @dataclass(frozen=True)
@@ -126,16 +130,16 @@ class Accessibility:
     area_error: float
 
     @cached_property
-    def by_count(self) -> dict[int, Any]:
+    def by_count(self) -> dict[int, shapely.Geometry]:
         """Shapely geometry of the points with each number of solutions."""
         return self._merged(lambda region: region.count)
 
     @cached_property
-    def by_type(self) -> dict[str, Any]:
+    def by_type(self) -> dict[str, shapely.Geometry]:
         """Shapely geometry of the points with each combination of solution types, by `Accessible.types`."""
         return self._merged(lambda region: region.types)
 
-    def _merged(self, key: Callable[[Accessible], Any]) -> dict[Any, Any]:
+    def _merged(self, key: Callable[[Accessible], K]) -> dict[K, shapely.Geometry]:
         reached = [region for region in self.regions if region.count]
         keys = sorted({key(region) for region in reached})
         return {k: union([region.polygon for region in reached if key(region) == k]) for k in keys}
@@ -208,7 +212,11 @@ def tip_curve(mechanism: TwoX, configurations: np.ndarray) -> np.ndarray:
 
 
 def straight_line(
-    mechanism: TwoX, start: Sequence[float], end: Sequence[float], through: Any = (), tolerance: float = 1e-6
+    mechanism: TwoX,
+    start: Sequence[float],
+    end: Sequence[float],
+    through: ArrayLike = (),
+    tolerance: float = 1e-6,
 ) -> np.ndarray:
     """Configurations on a straight line of the joint space, close enough for the chords of their tips.
 
@@ -234,7 +242,7 @@ def straight_line(
 
 
 def _meet(
-    factor: Callable[[Any], Component], chains: list[np.ndarray], fixed: int, angle: float
+    factor: Callable[[Components], Component], chains: list[np.ndarray], fixed: int, angle: float
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Singular curves with a point wherever they meet the line alpha_(fixed + 1) = angle, and these points.
 

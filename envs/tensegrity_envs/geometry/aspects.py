@@ -8,10 +8,10 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.geometry.overlay import winding_numbers
 from tensegrity_envs.geometry.singularity import Planar, Scalar, components, gradient
 
@@ -191,7 +191,7 @@ def posture_change(
         raise ValueError(f"start and goal are in different aspects: det J is {values[0]:.3g} and {values[1]:.3g}")
     sign = math.copysign(1.0, values[0])
 
-    def height(q: Any) -> Any:
+    def height(q: Sequence[Component]) -> Component:
         return sign * f(q)
 
     for finer in (1, 2, 4):

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.geometry.conditions import LIMIT, Conditions
 from tensegrity_envs.mechanics.roots import bracketed_roots
 
-Map = Callable[[tuple[np.ndarray, np.ndarray]], tuple[Any, Any]]
+Map = Callable[[tuple[np.ndarray, np.ndarray]], tuple[Component, Component]]
 
 PI = math.pi
 _RESIDUAL = 1e-10  # of every boundary point, in units of the margin

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.roots import bracketed_roots, hidden_sign_changes
@@ -48,12 +49,12 @@ class Conditions:
         least: (q1, q2) -> the smallest of the margins, where that is cheaper than all of them.
     """
 
-    conditions: Callable[[Any, Any], Sequence[Component]]
+    conditions: Callable[[Component, Component], Sequence[Component]]
     names: tuple[str, ...]
     lower: tuple[float, float]
     upper: tuple[float, float]
     what: str = "region"
-    least: Callable[[Any, Any], Component] | None = None
+    least: Callable[[Component, Component], Component] | None = None
 
     def __post_init__(self) -> None:
         """Validate.
@@ -100,7 +101,7 @@ class Conditions:
             inside = inside & (np.asarray(q) >= low) & (np.asarray(q) <= high)
         return np.asarray(inside)
 
-    def with_condition(self, name: str, margin: Callable[[Any, Any], Component]) -> Self:
+    def with_condition(self, name: str, margin: Callable[[Component, Component], Component]) -> Self:
         """The part of this region in which one more margin is positive."""
         return replace(
             self,
@@ -111,7 +112,7 @@ class Conditions:
 
     # ------------------------------------------------------------------------------------------------------ slices
 
-    def slices(self, fixed: int, values: Any, samples: int = 129) -> list[list[Interval]]:
+    def slices(self, fixed: int, values: ArrayLike, samples: int = 129) -> list[list[Interval]]:
         """All intervals of the region on lines along one coordinate.
 
         Sampled, with a search for sign changes between samples (`roots.hidden_sign_changes`), then every end is

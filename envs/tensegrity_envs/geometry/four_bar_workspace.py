@@ -10,11 +10,11 @@ D on either side of the line from A to the midpoint M of bar CF.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.geometry.boundary import Map
 from tensegrity_envs.geometry.overlay import Image, image
 from tensegrity_envs.geometry.regions import Region
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
@@ -46,11 +46,11 @@ def actuator_workspace(mechanism: PlanarFourBar, mode: str = "rectangle", lobe: 
         raise ValueError(f"lobe = {lobe!r}: must be 1 or -1, the sign of a, or 0 for both")
     l = float(mechanism.length)
 
-    def pitchfork(q1: Any, q2: Any) -> tuple[Any, ...]:
+    def pitchfork(q1: Component, q2: Component) -> Components:
         margin = 1 - (q1 * q1 + q2 * q2) / (4 * l * l)
         return ((-margin,) if mode == "flat" else (margin,)) if mode != "paper" else (margin,)
 
-    def paper(q1: Any, q2: Any) -> tuple[Any, ...]:
+    def paper(q1: Component, q2: Component) -> Components:
         a = (q1 * q1 + q2 * q2) / (2 * l * l) - 1
         return ((lobe * a if lobe else np.abs(a)) - mechanism.flatness((q1, q2))[0],)
 
@@ -83,18 +83,15 @@ def output_workspace(
     return image(sheets, mapping)
 
 
-Map = Callable[[tuple[Any, Any]], tuple[Any, Any]]
-
-
 def _rectangle_sheets(mechanism: PlanarFourBar, paper: bool) -> tuple[dict[str, Region], Map]:
     l = float(mechanism.length)
 
-    def tip(q: tuple[Any, Any]) -> tuple[Any, Any]:
+    def tip(q: tuple[Component, Component]) -> tuple[Component, Component]:
         beta, gamma = q
         return l * (1 - np.cos(beta) + np.cos(gamma)), l * (np.sin(beta) + np.sin(gamma))
 
     def sheet(elbow: int, sign: int) -> Region:
-        def conditions(beta: Any, gamma: Any) -> tuple[Any, ...]:
+        def conditions(beta: Component, gamma: Component) -> Components:
             cx, cy = 1 - np.cos(beta), np.sin(beta)
             mx, my = cx + np.cos(gamma) / 2, cy + np.sin(gamma) / 2
             square = mx * mx + my * my
@@ -128,13 +125,13 @@ def _rectangle_sheets(mechanism: PlanarFourBar, paper: bool) -> tuple[dict[str, 
 def _flat_sheets(mechanism: PlanarFourBar) -> tuple[dict[str, Region], Map]:
     l = float(mechanism.length)
 
-    def tip(q: tuple[Any, Any]) -> tuple[Any, Any]:
+    def tip(q: tuple[Component, Component]) -> tuple[Component, Component]:
         alpha, beta = q
         cx, cy, dx, dy = 1 - np.cos(beta), np.sin(beta), np.cos(alpha), np.sin(alpha)
         size = np.hypot(dx - cx, dy - cy)
         return l * (cx + (dx - cx) / size), l * (cy + (dy - cy) / size)
 
-    def fold(alpha: Any, beta: Any) -> Any:
+    def fold(alpha: Component, beta: Component) -> Component:
         """Determinant of d tip / d(alpha, beta), by L^2."""
         cx, cy, dx, dy = 1 - np.cos(beta), np.sin(beta), np.cos(alpha), np.sin(alpha)
         ux, uy = dx - cx, dy - cy

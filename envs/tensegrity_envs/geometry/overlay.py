@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.geometry.regions import Map, Traced, signed_area
 
 PRECISION = 1e-9  # coordinates are rounded to this, relative to the size of the picture, so that equal curves are equal
@@ -144,13 +145,13 @@ class Image:
         return (*found, max((face.count for face in self.faces), default=0))
 
     @cached_property
-    def regions(self) -> dict[int, Any]:
+    def regions(self) -> dict[int, shapely.Geometry]:
         """The plane by number of preimages: shapely polygons, each count's faces in one."""
         counts = sorted({face.count for face in self.faces} - {0})
         return {n: union([face.polygon for face in self.faces if face.count == n]) for n in counts}
 
     @cached_property
-    def reachable(self) -> Any:
+    def reachable(self) -> shapely.Geometry:
         """All points with a preimage, as one shapely geometry."""
         return union([face.polygon for face in self.faces if face.count > 0])
 
@@ -161,7 +162,7 @@ class Image:
         found = [shapely.Polygon(ring) for polygon in polygons for ring in polygon.interiors]
         return sorted(found, key=lambda hole: -hole.area)
 
-    def count(self, x: Any, y: Any) -> np.ndarray:
+    def count(self, x: Component, y: Component) -> np.ndarray:
         """Number of preimages of points, elementwise."""
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
         found = np.zeros(x.shape, int)
@@ -191,12 +192,12 @@ class Image:
         ]
 
 
-def union(polygons: Sequence[Any]) -> Any:
+def union(polygons: Sequence[shapely.Geometry]) -> shapely.Geometry:
     """Faces in one geometry; their common edges are equal point by point, so nothing is rounded."""
     return shapely.coverage_union_all(np.array(polygons, object)) if len(polygons) else shapely.Polygon()
 
 
-def feature(geometry: Any, properties: Mapping[str, Any]) -> dict[str, Any]:
+def feature(geometry: shapely.Geometry, properties: Mapping[str, Any]) -> dict[str, Any]:
     """A GeoJSON feature of a shapely geometry."""
     return {"type": "Feature", "geometry": shapely.geometry.mapping(geometry), "properties": dict(properties)}
 

@@ -10,14 +10,14 @@ of one point lie in one aspect, so that it can change its posture without meetin
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.geometry.regions import Map, Region
 
-Scalar = Callable[[Any], Any]  # (q1, q2) -> value, elementwise
+Scalar = Callable[[Components], Component]  # (q1, q2) -> value, elementwise
 Box = tuple[tuple[float, float], tuple[float, float]]
 
 _STENCIL = 2e-3  # [rad] five-point differences: their truncation and rounding errors are both about 1e-13
@@ -28,16 +28,16 @@ class Planar(Protocol):
     """What a mechanism needs here."""
 
     @property
-    def reach(self) -> Any:
+    def reach(self) -> Component:
         """An upper bound of the tip's distance from the base [m]."""
 
-    def tip(self, q: Any) -> tuple[Component, Component]:
+    def tip(self, q: Sequence[Component]) -> tuple[Component, Component]:
         """Tip position [m]."""
 
-    def jacobian(self, q: Any) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
+    def jacobian(self, q: Sequence[Component]) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
         """d tip / d q."""
 
-    def jacobian_determinant(self, q: Any) -> Component:
+    def jacobian_determinant(self, q: Sequence[Component]) -> Component:
         """det J."""
 
 

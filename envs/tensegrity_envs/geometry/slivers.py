@@ -5,13 +5,13 @@ Exact slices of the region along lines between the grid's are compared with the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.geometry.boundary import Ring
+from tensegrity_envs.geometry.boundary import Map, Ring
 from tensegrity_envs.geometry.conditions import Conditions
 
 _SAMPLES = 257  # along each line
@@ -27,7 +27,11 @@ class Missed(NamedTuple):
 
 
 def missed(
-    region: Conditions, rings: Sequence[Ring], cell: float, lines: int, image: Callable[[Any], tuple[Any, Any]] | None
+    region: Conditions,
+    rings: Sequence[Ring],
+    cell: float,
+    lines: int,
+    image: Map | None,
 ) -> Missed:
     """The area that the polygons miss or have too much: the mean over lines in both directions.
 
@@ -66,7 +70,7 @@ def _surroundings(region: Conditions, rings: Sequence[Ring], cell: float) -> lis
     return boxes
 
 
-def _on_lines(region: Conditions, rings: Sequence[Ring], lines: int, image: Any) -> np.ndarray:
+def _on_lines(region: Conditions, rings: Sequence[Ring], lines: int, image: Map | None) -> np.ndarray:
     """Area between region and polygons within the region's box, in the plane and in the image."""
     lower, upper = np.array(region.lower), np.array(region.upper)
     totals = np.zeros((2, 2))
@@ -103,7 +107,7 @@ def _difference(first: np.ndarray, second: np.ndarray) -> list[tuple[float, floa
     return [(float(a), float(b)) for a, b in zip(ends[::2], ends[1::2], strict=False) if b > a]
 
 
-def _growth(image: Callable[[Any], tuple[Any, Any]], q: np.ndarray, step: np.ndarray) -> float:
+def _growth(image: Map, q: np.ndarray, step: np.ndarray) -> float:
     """|det| of the map's Jacobian at q, by central differences."""
     first, second = np.diag(step)
     points = np.stack([q + first, q - first, q + second, q - second], axis=1)

@@ -6,6 +6,7 @@ boundary curves between the grid lines. Images of the two sheets of det J are th
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -29,16 +30,18 @@ class CableDriven(Protocol):
         """Names of the cables."""
 
     @property
-    def reach(self) -> Any:
+    def reach(self) -> Component:
         """An upper bound of the tip's distance from the base [m]."""
 
-    def tip(self, q: Any) -> tuple[Component, Component]:
+    def tip(self, q: Sequence[Component]) -> tuple[Component, Component]:
         """Tip position [m]."""
 
-    def jacobian_determinant(self, q: Any) -> Component:
+    def jacobian_determinant(self, q: Sequence[Component]) -> Component:
         """det J."""
 
-    def posture(self, q: Any, load: Any = ...) -> tuple[Components, Component, Component]:
+    def posture(
+        self, q: Sequence[Component], load: Sequence[Component] = ...
+    ) -> tuple[Components, Component, Component]:
         """Stiffest tensions [N], stability margin and wrench margin."""
 
 
@@ -71,12 +74,12 @@ def stable_wrench_feasible_joint_space(
 
     outside = () if tuple(load) == (0.0, 0.0) else (load,)
 
-    def conditions(q1: Any, q2: Any) -> tuple[Component, ...]:
+    def conditions(q1: Component, q2: Component) -> tuple[Component, ...]:
         tensions, stability, _ = mechanism.posture((q1, q2), *outside)
         margins = (stability, *((tension - low) / high for tension in tensions))
         return (*margins, scale * mechanism.jacobian_determinant((q1, q2))) if sheet else margins
 
-    def least(q1: Any, q2: Any) -> Component:
+    def least(q1: Component, q2: Component) -> Component:
         _, stability, wrench = mechanism.posture((q1, q2), *outside)
         margin = np.minimum(stability, wrench)
         return np.minimum(margin, scale * mechanism.jacobian_determinant((q1, q2))) if sheet else margin
@@ -206,7 +209,7 @@ def summary(joint_space: Traced, workspace: Image) -> dict[str, float | int | bo
 def stable_wrench_feasible_slice(
     mechanism: CableDriven,
     free: tuple[int, int],
-    fixed: Any,
+    fixed: Sequence[float],
     limit: float | None = None,
     load: tuple[float, float] = (0.0, 0.0),
 ) -> Region:
@@ -229,8 +232,8 @@ def stable_wrench_feasible_slice(
     if first == second or not all(0 <= joint < len(angles) for joint in free):
         raise ValueError(f"free = {free!r}: must be two different joints of 0 ... {len(angles) - 1}")
 
-    def conditions(q1: Any, q2: Any) -> tuple[Component, ...]:
-        q: list[Any] = [angle + 0.0 * q1 for angle in angles]
+    def conditions(q1: Component, q2: Component) -> tuple[Component, ...]:
+        q: list[Component] = [angle + 0.0 * q1 for angle in angles]
         q[first], q[second] = q1, q2
         _, stability, wrench = mechanism.posture(tuple(q), load)
         return stability, wrench
@@ -285,7 +288,7 @@ def stable_wrench_feasible_volume(
     for seed in range(8):
         places = (2 * qmc.Sobol(joints - 1, rng=seed).random(lines) - 1) * limit
 
-        def conditions(line: Any, last: Any, places: np.ndarray = places) -> tuple[Component, ...]:
+        def conditions(line: Component, last: Component, places: np.ndarray = places) -> tuple[Component, ...]:
             number, last = np.broadcast_arrays(np.rint(line).astype(int), last)
             _, stability, wrench = mechanism.posture((*places[number].transpose(-1, *range(number.ndim)), last), load)
             return stability, wrench

@@ -88,7 +88,7 @@ def _checked(method: Callable[..., Any], places: Sequence[tuple[int, str, Any, s
     """The method with a check of the arguments at these places."""
 
     @functools.wraps(method)
-    def checked(self: Any, *args: Any, **kwargs: Any) -> Any:
+    def checked(self: object, *args: Any, **kwargs: Any) -> Any:
         components: list[Component] = []
         for place, name, count, names in places:
             values = args[place] if place < len(args) else kwargs.get(name)
@@ -101,13 +101,15 @@ def _checked(method: Callable[..., Any], places: Sequence[tuple[int, str, Any, s
     return checked
 
 
-def check_single(probe: Any, what: str) -> None:
+def check_single(probe: Component, what: str) -> None:
     """Raise ValueError for a batch of designs."""
     if isinstance(probe, np.ndarray):
         raise ValueError(f"{what} takes one design, not a batch of them; take(index) picks one")
 
 
-def checked_range(name: str, given: Any, unit: str, default: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
+def checked_range(
+    name: str, given: Sequence[float] | None, unit: str, default: tuple[float, float] = (0.0, 0.0)
+) -> tuple[float, float]:
     """(low, high) with 0 <= low <= high, from two numbers or None for the default.
 
     Raises:

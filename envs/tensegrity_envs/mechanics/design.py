@@ -1,22 +1,31 @@
 """What every design shares: validation that names the field, batches of designs, and the members of a structure."""
 
 import dataclasses
+import operator
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 D = TypeVar("D")
+Index = int | slice | np.ndarray  # of a batch: which of its designs
 
 
-def require(condition: Any, design: str, field: str, value: Any, what: str) -> None:
+def require(condition: Component, design: str, field: str, value: object, what: str) -> None:
     """Raise ValueError naming design, field and value unless the condition holds (for arrays: everywhere)."""
     if not np.all(condition):
         raise ValueError(f"{design}.{field} = {value!r}: must be {what}")
 
 
-def require_finite_numbers(design: Any, besides: Collection[str] = (), tuples: Collection[str] = ()) -> None:
+def require_finite_numbers(
+    design: "DataclassInstance", besides: Collection[str] = (), tuples: Collection[str] = ()
+) -> None:
     """Raise unless every field of a design is a finite real number, or an array of them, all arrays of one shape.
 
     Args:
@@ -47,20 +56,28 @@ def require_finite_numbers(design: Any, besides: Collection[str] = (), tuples: C
                 require(value.shape == first[1], name, field.name, given, what)
 
 
-def take(design: D, index: Any) -> D:
-    """The designs at `index` of a batch of designs: array fields are indexed, floats are shared."""
-    arrays = {}
-    for field in dataclasses.fields(design):  # type: ignore[arg-type]
-        value = getattr(design, field.name)
-        if isinstance(value, np.ndarray):
-            arrays[field.name] = value[index]
-        elif isinstance(value, tuple) and any(isinstance(part, np.ndarray) for part in value):
-            arrays[field.name] = tuple(part[index] if isinstance(part, np.ndarray) else part for part in value)
-    if not arrays:
-        return design
-    part = object.__new__(type(design))  # no validation: part of a valid batch is valid, and this is a hot path
-    part.__dict__.update(vars(design) | arrays)
+def take(batch: D, index: Index) -> D:
+    """Those at `index` of a batch of designs, or of the mechanisms that such a batch makes; itself if it is no batch.
+
+    Arrays of shape (n,) are indexed, also in its tuples and lists, and in designs and mechanisms that it has; all else
+    is shared.
+    """
+    own = vars(batch)
+    taken = {name: part for name, value in own.items() if (part := _taken(value, index)) is not value}
+    if not taken:
+        return batch
+    part = object.__new__(type(batch))  # no validation: part of a valid batch is valid, and this is a hot path
+    part.__dict__.update(own | taken)
     return part
+
+
+def _taken(value: Any, index: Index) -> Any:
+    if isinstance(value, np.ndarray):
+        return value[index]
+    if isinstance(value, tuple | list):
+        parts = [_taken(part, index) for part in value]
+        return value if all(map(operator.is_, parts, value)) else type(value)(parts)
+    return take(value, index) if dataclasses.is_dataclass(value) or hasattr(value, "design") else value
 
 
 Kind = Literal["bar", "strut", "spring", "cable", "actuator", "torsional spring"]

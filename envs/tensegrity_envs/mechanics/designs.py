@@ -65,12 +65,12 @@ def resolve_design(given: D | Mapping[str, Any] | str | None, default: D) -> D:
     return dataclasses.replace(base, **fields)  # type: ignore[type-var]
 
 
-def name_of(design: Any) -> str | None:
+def name_of(design: object) -> str | None:
     """The name of a published design, None if it is none of them."""
     return next((name for name, known in PUBLISHED.items() if known is design or known == design), None)
 
 
-def _names(kind: type[Any]) -> list[str]:
+def _names(kind: type[object]) -> list[str]:
     return [name for name, design in PUBLISHED.items() if isinstance(design, kind)]
 
 
@@ -82,6 +82,6 @@ def _published(name: str, kind: type[D]) -> D:
     return design
 
 
-def _hint(name: Any, known: list[str]) -> str:
+def _hint(name: object, known: list[str]) -> str:
     close = get_close_matches(str(name), known, 1)
     return f" (did you mean {close[0]!r}?)" if close else ""

@@ -17,11 +17,11 @@ from tensegrity_envs.compiler.tracing import Path
 from tensegrity_envs.mechanics.intervals import Interval
 
 Hessian = tuple[Components, ...]
-Statics = Callable[[Any], tuple[Components, Hessian]]
+Statics = Callable[[Components], tuple[Components, Hessian]]
 # (configuration, parameters: any pytree of components) -> gradient, Hessian; traceable
-ParametricStatics = Callable[[Any, Any], tuple[Components, Hessian]]
+ParametricStatics = Callable[[Components, Any], tuple[Components, Hessian]]
 # (configuration, path parameter in [0, 1]) -> gradient, Hessian; traceable
-PathStatics = Callable[[Any, Any], tuple[Components, Hessian]]
+PathStatics = Callable[[Components, Component], tuple[Components, Hessian]]
 
 _SMALLEST_CELL = 1e-7  # half of its width
 _MOST_CELLS = 200_000
@@ -41,7 +41,7 @@ class Equilibrium(NamedTuple):
     configuration: Components
     residual: Component
     is_stable: Component
-    reason: Any
+    reason: str | list[str]
 
 
 def solve_symmetric(matrix: Hessian, right: Components) -> tuple[Components, Component, Component]:

@@ -5,9 +5,12 @@ Outward rounding is left out: whoever compares bounds with zero adds a little.
 
 import math
 from types import SimpleNamespace
-from typing import Any
+from typing import Union
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+Operand = Union["Interval", ArrayLike]
 
 
 class Interval:
@@ -17,7 +20,7 @@ class Interval:
     __array_ufunc__ = None  # NumPy leaves arithmetic with intervals to them
     namespace: SimpleNamespace
 
-    def __init__(self, low: Any, high: Any) -> None:
+    def __init__(self, low: ArrayLike, high: ArrayLike) -> None:
         self.low, self.high = np.asarray(low, float), np.asarray(high, float)
 
     @property
@@ -32,19 +35,19 @@ class Interval:
         low = np.where((self.low <= 0) & (self.high >= 0), 0.0, np.minimum(np.abs(self.low), np.abs(self.high)))
         return Interval(low, self.size)
 
-    def __add__(self, other: Any) -> "Interval":
+    def __add__(self, other: Operand) -> "Interval":
         low, high = _ends(other)
         return Interval(self.low + low, self.high + high)
 
-    def __sub__(self, other: Any) -> "Interval":
+    def __sub__(self, other: Operand) -> "Interval":
         low, high = _ends(other)
         return Interval(self.low - high, self.high - low)
 
-    def __rsub__(self, other: Any) -> "Interval":
+    def __rsub__(self, other: Operand) -> "Interval":
         low, high = _ends(other)
         return Interval(low - self.high, high - self.low)
 
-    def __mul__(self, other: Any) -> "Interval":
+    def __mul__(self, other: Operand) -> "Interval":
         if other is self:
             there = abs(self)
             return Interval(there.low * there.low, there.high * there.high)
@@ -52,10 +55,10 @@ class Interval:
         products = self.low * low, self.low * high, self.high * low, self.high * high
         return Interval(np.minimum.reduce(products), np.maximum.reduce(products))
 
-    def __truediv__(self, other: Any) -> "Interval":
+    def __truediv__(self, other: Operand) -> "Interval":
         return self * _inverse(*_ends(other))
 
-    def __rtruediv__(self, other: Any) -> "Interval":
+    def __rtruediv__(self, other: Operand) -> "Interval":
         quotient: Interval = _inverse(self.low, self.high) * other
         return quotient
 
@@ -71,11 +74,11 @@ class Interval:
     __rmul__ = __mul__
 
 
-def _ends(other: Any) -> tuple[Any, Any]:
+def _ends(other: Operand) -> tuple[ArrayLike, ArrayLike]:
     return (other.low, other.high) if isinstance(other, Interval) else (other, other)
 
 
-def _inverse(low: Any, high: Any) -> Interval:
+def _inverse(low: ArrayLike, high: ArrayLike) -> Interval:
     low, high = np.asarray(low, float), np.asarray(high, float)
     fine = (low > 0) | (high < 0)
     with np.errstate(divide="ignore"):

@@ -6,8 +6,8 @@ Tensions that hold a posture in equilibrium change K on its diagonal only. From 
 diagonal grows, so that C shrinks in every direction: what the arm can have lies between the two.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,12 +38,12 @@ class TipStiffness:
     gives way most.
     """
 
-    jacobian: Any
-    stiffness_matrix: Any
-    posture: Any
-    stiffest_tensions: Any
-    softest_tensions: Any
-    stability_margin: Any
+    jacobian: Callable[..., tuple[Components, Components]]
+    stiffness_matrix: Callable[..., tuple[Components, ...]]
+    posture: Callable[..., tuple[Components, Component, Component]]
+    stiffest_tensions: Callable[..., Components]
+    softest_tensions: Callable[..., Components]
+    stability_margin: Callable[..., Component]
 
     def tip_compliance(
         self, q: Sequence[Component], tensions: Sequence[Component], load: Sequence[Component] = _NO_LOAD
@@ -149,7 +149,7 @@ class TipStiffness:
             raise ValueError(f"stiffness = {stiffness!r} N/m: must be between {between} at q = {q!r}")
         soft, stiff = self._softest_and_stiffest(q, load, direction)
 
-        def at(s: Any) -> Components:
+        def at(s: Component) -> Components:
             return tuple(a + s * (b - a) for a, b in zip(soft, stiff, strict=True))
 
         shape = np.broadcast_shapes(wanted.shape, least.shape, greatest.shape)

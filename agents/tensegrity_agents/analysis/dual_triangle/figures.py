@@ -16,8 +16,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from tensegrity_agents.reporting.style import FAINT, INK, new_figure, note, styled, without_jumps
+from tensegrity_envs.geometry.dual_triangle_fields import STEEP, Field, beyond, maximum, region_of, room, stiffness
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
-from tensegrity_envs.mechanics.dual_triangle.fields import STEEP, Field, beyond, maximum, region_of, room, stiffness
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")

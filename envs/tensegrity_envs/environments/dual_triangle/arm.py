@@ -49,7 +49,7 @@ class DualTriangleCore(Core):
 
     def tip_region(self) -> Any:
         """Within the limits of joints and inputs; see `Core.tip_region`."""
-        from tensegrity_envs.mechanics.dual_triangle.fields import maximum, region_of  # loads Shapely
+        from tensegrity_envs.geometry.dual_triangle_fields import maximum, region_of  # loads Shapely
 
         simulation: Any = self.simulation
         low, high = (float(bound) for bound in simulation.bounds(self.nominal))

@@ -1,11 +1,11 @@
 """Parameters of an arm of dual-triangles, validated, and the published ones."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import namespace_of
+from tensegrity_envs.compiler.namespace import Component, namespace_of
 from tensegrity_envs.mechanics.design import require, require_finite_numbers
 
 
@@ -29,26 +29,26 @@ class DualTriangleDesign:
         max_joint_angle: |q| is at most this [rad]; None for the angle at which the triangles' edges meet.
     """
 
-    a1: Any
-    b1: Any
-    a2: Any
-    b2: Any
-    k1: Any
-    k2: Any
-    free_length1: Any
-    free_length2: Any
+    a1: Component
+    b1: Component
+    a2: Component
+    b2: Component
+    k1: Component
+    k2: Component
+    free_length1: Component
+    free_length2: Component
     springs: Literal["bilateral", "cable"] = "bilateral"
-    max_joint_angle: Any = None
+    max_joint_angle: Component = None
 
     @classmethod
     def symmetric(
         cls,
-        a: Any,
-        b: Any,
-        k: Any,
-        free_length: Any,
+        a: Component,
+        b: Component,
+        k: Component,
+        free_length: Component,
         springs: Literal["bilateral", "cable"] = "bilateral",
-        max_joint_angle: Any = None,
+        max_joint_angle: Component = None,
     ) -> "DualTriangleDesign":
         """Two equal triangles of half width a and height b [m], two equal springs (k [N/m], free length L0 [m])."""
         return cls(a, b, a, b, k, k, free_length, free_length, springs, max_joint_angle)
@@ -76,20 +76,20 @@ class DualTriangleDesign:
             require(inside, name, "max_joint_angle", self.max_joint_angle, what)
 
     @property
-    def beta12(self) -> Any:
+    def beta12(self) -> Component:
         """The angle atan(a1/b1) + atan(a2/b2) [rad]; printed with tan instead of atan in [Zhao2021, section II]."""
         xp = namespace_of(self.a1, self.b1, self.a2, self.b2)
         return xp.atan2(self.a1, self.b1) + xp.atan2(self.a2, self.b2)
 
     @property
-    def stop_angle(self) -> Any:
+    def stop_angle(self) -> Component:
         """The angle pi - beta12 [rad] at which an edge of the moving triangle meets one of the base triangle."""
         # = atan(b1/a1) + atan(b2/a2), without the cancellation of flat triangles
         xp = namespace_of(self.a1, self.b1, self.a2, self.b2)
         return xp.atan2(self.b1, self.a1) + xp.atan2(self.b2, self.a2)
 
     @property
-    def joint_limit(self) -> Any:
+    def joint_limit(self) -> Component:
         """|q| is at most this [rad]: `max_joint_angle` where it is given, else `stop_angle`."""
         return self.stop_angle if self.max_joint_angle is None else self.max_joint_angle
 

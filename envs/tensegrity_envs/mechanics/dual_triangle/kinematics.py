@@ -1,12 +1,12 @@
 """Kinematics of the arm of dual-triangles: nodes, members, tip, Jacobian, springs and joint limits."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, is_batch, namespace_of
-from tensegrity_envs.mechanics.design import Member
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace, is_batch, namespace_of
+from tensegrity_envs.mechanics.design import Index, Member, take
 from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Links
 from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment
@@ -56,28 +56,19 @@ class DualTriangleKinematics:
         self._probe = self.segment._probe
         self.link_lengths = (design.b1 + design.b2,) * (segments - 1) + (design.b2,)  # from pivot 1 to the tip [m]
 
-    def take(self, index: Any) -> Self:
+    def take(self, index: Index) -> Self:
         """The arms at `index` of a batch of designs; itself where there is one design only."""
-        if not isinstance(self._probe, np.ndarray):
-            return self
-        part = object.__new__(type(self))
-        part.__dict__.update(
-            {name: value[index] if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
-        )
-        part.segment = self.segment.take(index)
-        part.design = part.segment.design
-        part.link_lengths = tuple(l[index] if isinstance(l, np.ndarray) else l for l in self.link_lengths)
-        return part
+        return take(self, index)
 
     @property
-    def reach(self) -> Any:
+    def reach(self) -> Component:
         """Distance of the straight arm's tip from the base side A-B [m], 6 b of three symmetric segments."""
         return self.design.b1 + sum(self.link_lengths)
 
-    def _xp(self, *components: Component) -> Any:
+    def _xp(self, *components: Component) -> Namespace:
         return namespace_of(self._probe, *components)
 
-    def _shape(self, xp: Any, q: Sequence[Component]) -> _Shape:
+    def _shape(self, xp: Namespace, q: Sequence[Component]) -> _Shape:
         springs: list[Springs] = []
         links: list[tuple[Component, Component]] = []
         for qi, length in zip(q, self.link_lengths, strict=True):
@@ -91,7 +82,7 @@ class DualTriangleKinematics:
             links.append((length * direction[0], length * direction[1]))
         return _Shape(tuple(springs), tuple(links))
 
-    def _links(self, xp: Any, q: Sequence[Component]) -> list[tuple[Component, Component]]:
+    def _links(self, xp: Namespace, q: Sequence[Component]) -> list[tuple[Component, Component]]:
         links, turn = [], None
         for qi, length in zip(q, self.link_lengths, strict=True):
             turn = qi if turn is None else turn + qi

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, self_motions
+from tensegrity_envs.compiler.namespace import Component, Components, is_batch
+from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, SelfMotion, self_motions
 from tensegrity_envs.mechanics.dual_triangle.statics import DualTriangleStatics
 
 
@@ -30,7 +30,7 @@ class LoadedState(NamedTuple):
     residual: Component
 
 
-def stacked(rows: Sequence[Sequence[Any]]) -> np.ndarray:
+def stacked(rows: Sequence[Sequence[Component]]) -> np.ndarray:
     """A matrix of components as an array of shape (..., rows, columns)."""
     entries = np.broadcast_arrays(*(np.asarray(entry, float) for row in rows for entry in row))
     table = np.stack(entries, axis=-1)
@@ -52,11 +52,13 @@ def first_loss(at_zero: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return np.where(definite, np.where(falling, -1 / np.where(falling, least, -1.0), np.inf), 0.0)
 
 
-def critical_load(arm: DualTriangleStatics, q: Sequence[Component], unit: tuple[Any, Any], common: Any) -> np.ndarray:
+def critical_load(
+    arm: DualTriangleStatics, q: Sequence[Component], unit: tuple[Component, Component], common: Component
+) -> np.ndarray:
     """`DualTriangle.critical_load` on arrays or floats, `unit` a direction of length 1."""
     scale = arm.stiffness_scale / arm.reach  # a force of the order of the critical ones
 
-    def hessian(force: Any) -> np.ndarray:
+    def hessian(force: Component) -> np.ndarray:
         load = (force * unit[0], force * unit[1])
         lengths = arm.free_lengths(arm.control(q, load, common), common)
         return stacked(arm.stiffness_matrix(q, lengths, load))
@@ -68,7 +70,12 @@ def critical_load(arm: DualTriangleStatics, q: Sequence[Component], unit: tuple[
 
 
 def _critical_load_of_cables(
-    arm: DualTriangleStatics, q: Sequence[Any], unit: tuple[Any, Any], common: Any, scale: float, hessian: Any
+    arm: DualTriangleStatics,
+    q: Sequence[Component],
+    unit: tuple[Component, Component],
+    common: Component,
+    scale: float,
+    hessian: Callable[[Component], np.ndarray],
 ) -> np.ndarray:
     """As above, from one force at which a cable becomes slack or taut to the next: between them H is affine."""
     bilateral = arm.as_bilateral()
@@ -99,7 +106,7 @@ def _critical_load_of_cables(
     return np.asarray(math.inf)
 
 
-def straight_critical_loads(arm: DualTriangleStatics, common: Any) -> tuple[Component, ...]:
+def straight_critical_loads(arm: DualTriangleStatics, common: Component) -> tuple[Component, ...]:
     """`DualTriangle.straight_critical_loads`."""
     n, design = arm.segments, arm.design
     straight = (0.0,) * n
@@ -125,9 +132,9 @@ def estimate_load(arm: DualTriangleStatics, q: Sequence[Component], free_lengths
 
 def correct(
     arm: DualTriangleStatics,
-    x: Any,
-    y: Any,
-    free_lengths: Sequence[Any],
+    x: Component,
+    y: Component,
+    free_lengths: Sequence[Component],
     q: np.ndarray,
     load: np.ndarray,
     iterations: int,
@@ -170,7 +177,7 @@ def identify(arm: DualTriangleStatics, x: float, y: float, free_lengths: Sequenc
         loop, s, _, after = curve.grid(points)
         width = 2 * math.pi / (points if curve.kind == SINGLE else points // 2)
 
-        def slope(loop: np.ndarray, s: np.ndarray, curve: Any = curve) -> np.ndarray:
+        def slope(loop: np.ndarray, s: np.ndarray, curve: SelfMotion = curve) -> np.ndarray:
             """Derivative of the energy along the null vector of J, which turns continuously along the curve."""
             q = curve.at(np.zeros(len(s), int), loop, s)
             r, t = arm.jacobian(q)
@@ -227,3 +234,32 @@ def _dips(values: np.ndarray, after: np.ndarray) -> np.ndarray:
     dip &= (values * values[before] > 0) & (values * values[after] > 0)
     around = np.abs(values[before] - values) + np.abs(values[after] - values)
     return np.asarray(dip & (size < 2 * around + 1e-300))
+
+
+def identify_from(
+    arm: DualTriangleStatics,
+    x: Component,
+    y: Component,
+    free_lengths: Sequence[Component],
+    start: Sequence[Component],
+    load: Sequence[Component],
+    iterations: int,
+) -> LoadedState:
+    """`DualTriangle.identify_from`."""
+    single = not is_batch(arm._probe, x, y, *free_lengths, *start, *load)
+    values = [np.atleast_1d(np.asarray(v, float)) for v in (x, y, *start, *load)]
+    shape = np.broadcast_shapes(*(v.shape for v in values), *(np.shape(u) for u in free_lengths), np.shape(arm._probe))
+    wide = [np.broadcast_to(v, shape) for v in values]
+    n = arm.segments
+    q, force, last = correct(
+        arm, wide[0], wide[1], free_lengths, np.stack(wide[2 : n + 2]), np.stack(wide[n + 2 :]), iterations
+    )
+    good = last < 1e-8
+    q, force = np.where(good, q, np.nan), np.where(good, force, np.nan)
+    gradient = arm.energy_gradient(tuple(q), free_lengths, tuple(force))
+    residual = np.sqrt(sum(np.asarray(g) ** 2 for g in gradient))
+    stable = arm.stability_margin(tuple(q), free_lengths, tuple(force)) > 0
+    if not single:
+        return LoadedState(tuple(q), (force[0], force[1]), stable, residual)
+    angles = tuple(float(value) for value in q[:, 0])
+    return LoadedState(angles, (float(force[0, 0]), float(force[1, 0])), bool(stable[0]), float(residual[0]))

@@ -13,7 +13,6 @@ gravity.
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -21,13 +20,14 @@ from tensegrity_envs.compiler.namespace import Component, Components, as_compone
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.checks import check_finite, check_single, sized
 from tensegrity_envs.mechanics.dual_triangle.branches import Branch, follow_load, heading_in_load
+from tensegrity_envs.mechanics.dual_triangle.design import DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.inverse import InverseSolution, inverse_kinematics
 from tensegrity_envs.mechanics.dual_triangle.loads import (
     LoadedState,
-    correct,
     critical_load,
     estimate_load,
     identify,
+    identify_from,
     straight_critical_loads,
 )
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective, Redundancy, resolve
@@ -386,27 +386,11 @@ class DualTriangle(DualTriangleStatics):
         check_finite("free_lengths", free_lengths, 2 * self.segments)
         check_finite("start", start, self.segments)
         check_finite("load", load, 2)
-        single = not is_batch(self._probe, x, y, *free_lengths, *start, *load)
-        values = [np.atleast_1d(np.asarray(v, float)) for v in (x, y, *start, *load)]
-        shape = np.broadcast_shapes(
-            *(v.shape for v in values), *(np.shape(u) for u in free_lengths), np.shape(self._probe)
-        )
-        wide = [np.broadcast_to(v, shape) for v in values]
-        n = self.segments
-        q, force, last = correct(
-            self, wide[0], wide[1], free_lengths, np.stack(wide[2 : n + 2]), np.stack(wide[n + 2 :]), iterations
-        )
-        good = last < 1e-8
-        q, force = np.where(good, q, np.nan), np.where(good, force, np.nan)
-        gradient = self.energy_gradient(tuple(q), free_lengths, tuple(force))
-        residual = np.sqrt(sum(np.asarray(g) ** 2 for g in gradient))
-        stable = self.stability_margin(tuple(q), free_lengths, tuple(force)) > 0
-        if not single:
-            return LoadedState(tuple(q), (force[0], force[1]), stable, residual)
-        angles = tuple(float(value) for value in q[:, 0])
-        return LoadedState(angles, (float(force[0, 0]), float(force[1, 0])), bool(stable[0]), float(residual[0]))
+        return identify_from(self, x, y, free_lengths, start, load, iterations)
 
 
-def _statics(q: Components, parameters: Any) -> tuple[Components, tuple[Components, ...]]:
+def _statics(
+    q: Components, parameters: tuple[DualTriangleDesign, int, Components, Components]
+) -> tuple[Components, tuple[Components, ...]]:
     design, segments, free_lengths, load = parameters
     return DualTriangle(design, segments).statics(q, free_lengths, load)

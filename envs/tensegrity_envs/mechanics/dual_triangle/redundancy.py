@@ -8,14 +8,15 @@ a golden section search finds from samples of the smooth parametrization (`self_
 """
 
 import math
-from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, SelfMotion, self_motions, with_one_angle
 
+Angles = Sequence[np.ndarray] | np.ndarray  # of the three joints [rad], one after the other
 Objective = Literal["sum", "max", "squares"]
 _OBJECTIVES = ("sum", "max", "squares")
 _SAMPLES = 96  # of the curve or curves of one target
@@ -52,7 +53,7 @@ class Links(NamedTuple):
     long: float
     short: float
 
-    def tip(self, q: Any) -> tuple[np.ndarray, np.ndarray]:
+    def tip(self, q: Angles) -> tuple[np.ndarray, np.ndarray]:
         """Tip of configurations [m]."""
         t1, t2, t3 = q[0], q[0] + q[1], q[0] + q[1] + q[2]
         return (
@@ -61,7 +62,7 @@ class Links(NamedTuple):
         )
 
 
-def objective_of(name: str, wraps: bool) -> Callable[[Any, Any], np.ndarray]:
+def objective_of(name: str, wraps: bool) -> Callable[[Angles, Angles], np.ndarray]:
     """The objective as a function of configuration and start; where there are no limits, displacements are wrapped.
 
     Raises:
@@ -70,13 +71,13 @@ def objective_of(name: str, wraps: bool) -> Callable[[Any, Any], np.ndarray]:
     if name not in _OBJECTIVES:
         raise ValueError(f"objective = {name!r}: must be one of {', '.join(_OBJECTIVES)}")
 
-    def displacement(q: Any, start: Any) -> Any:
+    def displacement(q: Component, start: Component) -> Component:
         move = q - start
         if wraps:
             move = np.pi - np.abs(np.pi - np.abs(move) % (2 * np.pi))
         return np.abs(move)
 
-    def value(q: Any, start: Any) -> np.ndarray:
+    def value(q: Angles, start: Angles) -> np.ndarray:
         m1, m2, m3 = (displacement(qi, si) for qi, si in zip(q, start, strict=True))
         if name == "sum":
             return np.asarray(m1 + m2 + m3)
@@ -87,7 +88,9 @@ def objective_of(name: str, wraps: bool) -> Callable[[Any, Any], np.ndarray]:
     return value
 
 
-def resolve(links: Links, x: np.ndarray, y: np.ndarray, start: Any, objective: str, limit: np.ndarray) -> Redundancy:
+def resolve(
+    links: Links, x: np.ndarray, y: np.ndarray, start: np.ndarray, objective: str, limit: np.ndarray
+) -> Redundancy:
     """`DualTriangle.redundancy` on arrays: targets of shape (n,), start three of them, limit [rad] of shape (n,)."""
     search = _Search(links, x, y, start, objective, limit)
     search.offer_known_angles()
@@ -104,14 +107,16 @@ def resolve(links: Links, x: np.ndarray, y: np.ndarray, start: Any, objective: s
     return Redundancy((q[0], q[1], q[2]), value, reached, (nearest[0], nearest[1]), distance)
 
 
-def _within(q: Any, limit: np.ndarray) -> np.ndarray:
+def _within(q: Angles, limit: np.ndarray) -> np.ndarray:
     return np.asarray((np.abs(q[0]) <= limit) & (np.abs(q[1]) <= limit) & (np.abs(q[2]) <= limit))
 
 
 class _Search:
     """The best configuration of every target so far, and what can still improve on it."""
 
-    def __init__(self, links: Links, x: np.ndarray, y: np.ndarray, start: Any, objective: str, limit: Any) -> None:
+    def __init__(
+        self, links: Links, x: np.ndarray, y: np.ndarray, start: np.ndarray, objective: str, limit: np.ndarray
+    ) -> None:
         self.links, self.x, self.y, self.start, self.objective, self.limit = links, x, y, start, objective, limit
         self.limited = bool(np.isfinite(limit).any())
         self.measure = objective_of(objective, not self.limited)
@@ -119,7 +124,7 @@ class _Search:
         self.best = np.full(len(x), np.inf)
         self.q = np.zeros((3, len(x)))
 
-    def offer(self, owner: np.ndarray, candidates: Any, allowed: np.ndarray) -> None:
+    def offer(self, owner: np.ndarray, candidates: Angles, allowed: np.ndarray) -> None:
         """Candidates of every target in `owner` (each once), of shape (targets, any number)."""
         values = np.where(allowed, self.measure(candidates, self.start[:, owner, None]), np.inf)
         column = values.argmin(axis=1)
@@ -232,12 +237,12 @@ def nearest_configurations(links: Links, x: np.ndarray, y: np.ndarray, limit: np
     u, v, bound = x - links.pivot, y, limit
     n = len(u)
     target = u + 1j * v
-    candidates: list[tuple[Any, Any, Any]] = []
+    candidates: list[Components] = []
     ends = [np.zeros(n)] if not np.isfinite(bound).any() else [-bound, bound]
     l1, l3 = links.long, links.short
 
-    def direction(value: Any) -> Any:
-        return np.angle(value)
+    def direction(value: np.ndarray) -> np.ndarray:
+        return np.asarray(np.angle(value))
 
     # all three free: stretched or folded (which only a limit of pi allows)
     for fold2 in (0.0, math.pi):

@@ -1,10 +1,11 @@
 """One dual-triangle: its equilibria, where it is bistable, and the limits of its control law."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.checks import check_finite, check_single, sized
 from tensegrity_envs.mechanics.dual_triangle import one_segment
@@ -58,7 +59,7 @@ class DualTriangleSegment(SegmentStatics):
         return found
 
     @property
-    def monotone_threshold(self) -> Any:
+    def monotone_threshold(self) -> Component:
         """2 b (1 - (a/b)^2) [m]: with delta = 0 the torque is monotone just if L0 is larger, [Zhao2021, Eq. 2].
 
         Proved for the whole range of angles, but for delta = 0 and symmetric segments only; see `is_monotone`.

@@ -6,12 +6,12 @@ dual-triangles", ICCCR 2021. Misprints are named where they matter; docs/dual_tr
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, is_symbol, namespace_of
-from tensegrity_envs.mechanics.design import take
+from tensegrity_envs.compiler.namespace import Component, Namespace, is_symbol, namespace_of
+from tensegrity_envs.mechanics.design import Index, take
 from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
 
 # Added to cos(theta/2), which no rounded angle makes smaller than 1e-17 unless it is exactly 0: changes nothing else.
@@ -52,27 +52,20 @@ class SegmentStatics:
         self._root = 2 * xp.sqrt(self._gg)
         self.stiffness_scale = (design.k1 + design.k2) * b1 * b2 / 2  # [N m/rad]; k b^2 of a symmetric segment
 
-    def take(self, index: Any) -> Self:
+    def take(self, index: Index) -> Self:
         """The segments at `index` of a batch of designs; itself where there is one design only."""
-        if not isinstance(self._probe, np.ndarray):
-            return self
-        part = object.__new__(type(self))
-        part.__dict__.update(
-            {name: value[index] if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
-        )
-        part.design = take(self.design, index)
-        return part
+        return take(self, index)
 
-    def _xp(self, *components: Component) -> Any:
+    def _xp(self, *components: Component) -> Namespace:
         return namespace_of(self._probe, *components)
 
     # ------------------------------------------------------------------------------------------------- geometry
 
-    def springs(self, xp: Any, q: Component) -> Springs:
+    def springs(self, xp: Namespace, q: Component) -> Springs:
         """Both springs at the angle q, the namespace given."""
         return self.springs_at(xp, xp.sin(q / 2), xp.cos(q / 2))
 
-    def springs_at(self, xp: Any, s: Component, c: Component) -> Springs:
+    def springs_at(self, xp: Namespace, s: Component, c: Component) -> Springs:
         """Lengths and moment arms of both springs from sin(q/2), cos(q/2); accurate down to coinciding ends.
 
         With theta_1 = beta12 + q, theta_2 = beta12 - q and u = cos(theta/2), a spring between corners at distances c1,
@@ -84,7 +77,7 @@ class SegmentStatics:
             self._spring(xp, self._cos * c + self._sin * s, self._sin * c - self._cos * s),
         )
 
-    def _spring(self, xp: Any, u: Component, s: Component) -> Spring:
+    def _spring(self, xp: Namespace, u: Component, s: Component) -> Spring:
         if self._equal:  # no root, and smooth beyond the stop, where the length is negative
             return Spring(self._root * u, self._root / 2 * s, self._root / 4 * u)
         u = u + _NOT_ZERO
@@ -110,7 +103,9 @@ class SegmentStatics:
 
     # -------------------------------------------------------------------------------------------------- statics
 
-    def _tensions(self, xp: Any, springs: Springs, free_lengths: Sequence[Component]) -> tuple[Component, Component]:
+    def _tensions(
+        self, xp: Namespace, springs: Springs, free_lengths: Sequence[Component]
+    ) -> tuple[Component, Component]:
         f1 = self.design.k1 * (springs[0].length - free_lengths[0])
         f2 = self.design.k2 * (springs[1].length - free_lengths[1])
         if self.design.springs == "cable":
@@ -118,7 +113,7 @@ class SegmentStatics:
         return f1, f2
 
     @staticmethod
-    def _taut(xp: Any, tension: Component, k: Component) -> Component:
+    def _taut(xp: Namespace, tension: Component, k: Component) -> Component:
         """The stiffness of a cable, 0 where it is slack; in the precision of the tension (Torch's own is single)."""
         return xp.where(tension > 0, k + 0.0 * tension, 0.0)
 
@@ -134,7 +129,7 @@ class SegmentStatics:
         f1, f2 = self._tensions(xp, springs, free_lengths)
         return f1 * springs[0].arm, -(f2 * springs[1].arm)
 
-    def energy_of(self, xp: Any, springs: Springs, free_lengths: Sequence[Component]) -> Component:
+    def energy_of(self, xp: Namespace, springs: Springs, free_lengths: Sequence[Component]) -> Component:
         """`potential_energy` with the namespace and the springs given."""
         f1, f2 = self._tensions(xp, springs, free_lengths)
         return f1 * f1 / (2 * self.design.k1) + f2 * f2 / (2 * self.design.k2)
@@ -145,7 +140,7 @@ class SegmentStatics:
         return self.energy_of(xp, self.springs(xp, q), free_lengths)
 
     def slope_and_stiffness(
-        self, xp: Any, springs: Springs, free_lengths: Sequence[Component]
+        self, xp: Namespace, springs: Springs, free_lengths: Sequence[Component]
     ) -> tuple[Component, Component]:
         """dU/dq [N m] and d2U/dq2 [N m/rad] in one evaluation, the namespace and the springs given."""
         first, second = springs
@@ -197,7 +192,7 @@ class SegmentStatics:
         xp = self._xp(q, moment, common)
         return self.control_of(xp, self.springs(xp, q), moment, common)
 
-    def control_of(self, xp: Any, springs: Springs, moment: Component, common: Component) -> Component:
+    def control_of(self, xp: Namespace, springs: Springs, moment: Component, common: Component) -> Component:
         """`control` with the namespace and the springs given."""
         first, second = springs
         l10, l20 = self.free_lengths(0.0, common)
@@ -232,7 +227,7 @@ class SegmentStatics:
         return xp.where(leverage != 0, stiffness / xp.where(leverage != 0, leverage, 1.0), math.nan)
 
     @property
-    def delta_range(self) -> tuple[Any, Any]:
+    def delta_range(self) -> tuple[Component, Component]:
         """Smallest and largest control input [m] at which no free length is negative."""
         return -self.design.free_length2, self.design.free_length1
 

@@ -10,11 +10,10 @@ cos w - cos w_hi, the argument of the root, is a product that contains sin^2 s, 
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Components
+from tensegrity_envs.compiler.namespace import Component, Components
 
 SINGLE, PAIR, ROUND = "single", "pair", "round"
 
@@ -42,7 +41,7 @@ class SelfMotion:
         self._a0 = np.maximum((far - d - l1) * (far + d + l1), 0.0)
         self._b0 = np.maximum((abs(d - l1) - near) * (abs(d - l1) + near), 0.0)
 
-    def at(self, owner: Any, loop: Any, s: Any) -> Components:
+    def at(self, owner: Component, loop: Component, s: Component) -> Components:
         """The configuration at (loop, s) of target `owner`; arrays that broadcast. Angles in (-pi, pi]."""
         d, psi, scale = self.distance[owner], self.direction[owner], self._scale[owner]
         l1, l2, l3 = self.long, self.long, self.short
@@ -144,9 +143,9 @@ def with_one_angle(
         Two configurations, angles in (-pi, pi] besides the given one, and whether each exists.
     """
     u, v = x - pivot, y
-    first: Any = long
-    second: Any = short
-    offset: Any = 0.0
+    first: Component = long
+    second: Component = short
+    offset: Component = 0.0
     if joint == 0:
         u, v = u - long * np.cos(value), v - long * np.sin(value)
     elif joint == 1:

@@ -8,6 +8,8 @@ import numpy as np
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.mechanics.n_x.chain import CableArm
+from tensegrity_envs.mechanics.n_x.design import NXDesign
 
 Loaded = Callable[[Components, Any, Components, Components], tuple[Components, Component]]
 
@@ -29,7 +31,7 @@ class CriticalLoad(NamedTuple):
     configuration: tuple[float, ...]
 
 
-def critical_load(arm: Any, q: tuple[float, ...], direction: tuple[float, float]) -> CriticalLoad:
+def critical_load(arm: CableArm, q: tuple[float, ...], direction: tuple[float, float]) -> CriticalLoad:
     """Of a posture held by the stiffest tensions under every load; see `NX.critical_load`.
 
     The moments are linear in the load, the numbers t of the stiffest tensions (see `tensions`) therefore concave, and
@@ -61,7 +63,11 @@ def critical_load(arm: Any, q: tuple[float, ...], direction: tuple[float, float]
 
 
 def buckling_load(
-    loaded: Loaded, parameters: Any, direction: tuple[float, float], start: tuple[float, ...], largest: float
+    loaded: Loaded,
+    parameters: tuple[NXDesign, Components],
+    direction: tuple[float, float],
+    start: tuple[float, ...],
+    largest: float,
 ) -> CriticalLoad:
     """Of an arm at constant tensions whose load grows from zero; see `NX.buckling_load`.
 

@@ -1,17 +1,18 @@
 """Geometry and energy of the chain of X-joints, on components: what `NX` is built upon."""
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, is_symbol, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace, is_symbol, namespace_of
 from tensegrity_envs.compiler.pytree import tree_leaves
-from tensegrity_envs.mechanics.design import Member, take
+from tensegrity_envs.mechanics.design import Index, Member, take
 from tensegrity_envs.mechanics.n_x import statics, structure, tensions
 from tensegrity_envs.mechanics.n_x.design import NXDesign
 from tensegrity_envs.mechanics.n_x.joint import Joint, joint_at
 from tensegrity_envs.mechanics.n_x.routing import cable_names, routing_table
+from tensegrity_envs.mechanics.stiffness import TipStiffness
 
 NO_LOAD = (0.0, 0.0)
 _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
@@ -41,22 +42,22 @@ class Chain:
             tree_leaves(design, lambda value: isinstance(value, np.ndarray) or is_symbol(value))
         )
 
-    def take(self, index: Any) -> Self:
+    def take(self, index: Index) -> Self:
         """The mechanisms at `index` of a batch of designs; itself where there is one design only."""
         return type(self)(take(self.design, index)) if isinstance(self._probe, np.ndarray) else self
 
     # ------------------------------------------------------------------------------------------------ geometry
 
     @property
-    def reach(self) -> Any:
+    def reach(self) -> Component:
         """An upper bound of the tip's distance from the base [m]."""
         return sum(self.design.each("l")) + sum(self.offsets)
 
-    def namespace(self, *components: Component) -> Any:
+    def namespace(self, *components: Component) -> Namespace:
         """Where the arithmetic of these components comes from."""
         return namespace_of(self._probe, *components)
 
-    def joints(self, xp: Any, q: Sequence[Component]) -> list[Joint]:
+    def joints(self, xp: Namespace, q: Sequence[Component]) -> list[Joint]:
         """The joints in a configuration."""
         parts = zip(self._b, self._excess, q, strict=True)
         return [joint_at(xp, b, excess, xp.sin(alpha / 2), xp.cos(alpha / 2)) for b, excess, alpha in parts]
@@ -216,6 +217,10 @@ class Chain:
             for j in range(i + 1, n):
                 rows[i][j] = hessian[i][j] * turn[i] * turn[j]
         return tuple(g * t for g, t in zip(gradient, turn, strict=True)), symmetric(rows)
+
+
+class CableArm(Chain, TipStiffness):
+    """A chain and what holds it in a posture: what searches over the postures of an `NX` asks of it."""
 
 
 def symmetric(upper: Sequence[Sequence[Component]]) -> tuple[Components, ...]:

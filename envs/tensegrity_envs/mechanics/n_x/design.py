@@ -1,11 +1,12 @@
 """Parameters of an n-X manipulator."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.design import require, require_finite_numbers
 from tensegrity_envs.mechanics.n_x.routing import PER_JOINT, checked_routing
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoXDesign
@@ -41,19 +42,19 @@ class NXDesign:
     """
 
     joints: int
-    b: Any
-    l: Any
-    a: Any
-    k_left: Any
-    min_tension: Any
-    max_tension: Any
-    k_right: Any = None
-    payload: Any = 0.0
-    bar_density: Any = 2700.0
-    bar_radius: Any = 0.005
-    gravity: Any = 9.8
+    b: Component
+    l: Component
+    a: Component
+    k_left: Component
+    min_tension: Component
+    max_tension: Component
+    k_right: Component = None
+    payload: Component = 0.0
+    bar_density: Component = 2700.0
+    bar_radius: Component = 0.005
+    gravity: Component = 9.8
     joint_limit: float = math.pi
-    routing: Any = PER_JOINT
+    routing: str | Sequence[Sequence[int]] = PER_JOINT
 
     def __post_init__(self) -> None:
         """Validate.
@@ -89,7 +90,7 @@ class NXDesign:
         require(0 < self.joint_limit <= 2 * math.pi, name, "joint_limit", self.joint_limit, "in (0, 2 pi]")
         object.__setattr__(self, "routing", checked_routing(self.routing, self.joints, name))
 
-    def each(self, field: str) -> tuple[Any, ...]:
+    def each(self, field: str) -> Components:
         """The values of a field for the joints, from the base on."""
         value = getattr(self, field)
         if value is None:  # k_right

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.mechanics.n_x.chain import CableArm
 from tensegrity_envs.mechanics.n_x.design import NXDesign
 from tensegrity_envs.mechanics.n_x.pair import Lengths, solve_pair
 
@@ -46,7 +47,7 @@ def last_joints(design: NXDesign, count: int) -> NXDesign:
     return replace(design, joints=count, routing="per_joint", **fields)
 
 
-def all_solutions(arm: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def all_solutions(arm: CableArm, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All solutions of an arm of one or two joints: index of the target, configurations (n, k), residuals [m].
 
     Raises:

@@ -1,8 +1,8 @@
 """One X-joint: the distance of its bars' midpoints, its lateral sides, and their derivatives in alpha."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.compiler.namespace import Component, Namespace
 
 
 class Joint(NamedTuple):
@@ -20,7 +20,7 @@ class Joint(NamedTuple):
     dr: Component
     ddr: Component
 
-    def sides(self, xp: Any) -> tuple[Component, Component]:
+    def sides(self, xp: Namespace) -> tuple[Component, Component]:
         """Left and right side [m]. The shorter one is taken from the longer one: accurate close to the flat poses."""
         longer = self.r + self.b * abs(self.s)
         shorter = self.excess / longer
@@ -39,7 +39,7 @@ class Joint(NamedTuple):
         return self.ddr + quarter, self.ddr - quarter
 
 
-def joint_at(xp: Any, b: Component, excess: Component, s: Component, c: Component) -> Joint:
+def joint_at(xp: Namespace, b: Component, excess: Component, s: Component, c: Component) -> Joint:
     """The joint whose half angle has this sine and cosine; excess is l^2 - b^2."""
     bb = b * b
     r = xp.sqrt(excess + bb * s * s)  # = sqrt(l^2 - b^2 c^2) without its cancellation for l close to b

@@ -8,20 +8,19 @@ the top bar of joint i relative to its base bar, counter-clockwise.
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, as_components
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace, as_components
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.checks import check_finite, check_single, sized
 from tensegrity_envs.mechanics.eigenvalues import smallest_eigenvalue
 from tensegrity_envs.mechanics.n_x import buckling, inverse, programmes, redundancy, statics, tensions, wrenches
-from tensegrity_envs.mechanics.n_x.chain import NO_LOAD, Chain, symmetric
+from tensegrity_envs.mechanics.n_x.chain import NO_LOAD, CableArm, symmetric
+from tensegrity_envs.mechanics.n_x.design import NXDesign
 from tensegrity_envs.mechanics.n_x.joint import Joint
 from tensegrity_envs.mechanics.n_x.routing import FROM_BASE, PER_JOINT
 from tensegrity_envs.mechanics.n_x.vertices import extreme_stiffness
-from tensegrity_envs.mechanics.stiffness import TipStiffness
 
 _CELLS = (32, 32, 16)  # along each joint, with which the search for all equilibria begins
 
@@ -35,7 +34,7 @@ _CELLS = (32, 32, 16)  # along each joint, with which the search for all equilib
     load=(2, "fx, fy"),
     direction=(2, "x, y"),
 )
-class NX(Chain, TipStiffness):
+class NX(CableArm):
     """The n-X manipulator of one design, or of a batch of designs.
 
     A configuration is q = (alpha_1, ..., alpha_n) [rad], tensions are one for each cable [N], in the order of
@@ -53,7 +52,7 @@ class NX(Chain, TipStiffness):
     # --------------------------------------------------------------------------------------- wrench feasibility
 
     def _extreme(
-        self, xp: Any, joints: Sequence[Joint], load: Sequence[Component], stiffest: bool
+        self, xp: Namespace, joints: Sequence[Joint], load: Sequence[Component], stiffest: bool
     ) -> tuple[Components, Component, Component]:
         """Stiffest or softest tensions, stability margin, and the distance of the others from their bound [N]."""
         gradient, hessian = self.passive(joints, load)
@@ -381,16 +380,20 @@ def _unit(direction: Sequence[float]) -> tuple[float, float]:
     return direction[0] / length, direction[1] / length
 
 
-def _statics(q: Components, parameters: Any) -> tuple[Components, tuple[Components, ...]]:
+def _statics(
+    q: Components, parameters: tuple[NXDesign, Components, Components]
+) -> tuple[Components, tuple[Components, ...]]:
     design, pull, load = parameters
     return NX(design).statics(q, pull, load)
 
 
-def _loaded(start: Components, parameters: Any, begin: Components, end: Components) -> tuple[Components, Component]:
+def _loaded(
+    start: Components, parameters: tuple[NXDesign, Components], begin: Components, end: Components
+) -> tuple[Components, Component]:
     """The equilibrium while the load grows evenly, and how much of the way it could be followed."""
     design, tensions = parameters
 
-    def path(q: Components, t: Component) -> Any:
+    def path(q: Components, t: Component) -> tuple[Components, tuple[Components, ...]]:
         load = tuple(a + t * (b - a) for a, b in zip(begin, end, strict=True))
         return NX(design).statics(q, tensions, load)
 

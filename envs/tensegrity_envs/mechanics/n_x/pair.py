@@ -11,11 +11,12 @@ equation is a trigonometric polynomial of order 4 in psi. `TwoX.inverse_kinemati
 """
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.polynomials import product, real_roots
 
 _SAMPLES = 16  # of the trigonometric polynomial; 9 would determine it
@@ -24,8 +25,8 @@ _GRID = 25  # starts along each joint, for nearly equal bars
 _FULL_TURN = 4 * math.pi  # of alpha, since alpha / 2 runs once around
 
 # (alpha_1, alpha_2) -> position of the tip, and its derivatives: ((dx/da1, dx/da2), (dy/da1, dy/da2))
-Tip = Callable[[Any], tuple[Any, Any]]
-Jacobian = Callable[[Any], tuple[Any, Any]]
+Tip = Callable[[Sequence[Component]], tuple[Component, Component]]
+Jacobian = Callable[[Sequence[Component]], tuple[Components, Components]]
 
 
 class Lengths(NamedTuple):
@@ -114,7 +115,9 @@ def _candidates(
     return owner, a1, a2
 
 
-def _polish(tip: Tip, jacobian: Jacobian, x: Any, y: Any, q: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+def _polish(
+    tip: Tip, jacobian: Jacobian, x: np.ndarray, y: np.ndarray, q: np.ndarray, size: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Damped Newton steps to the targets; the best point of each way, and its distance from the target."""
     q = q.copy()
     px, py = tip(tuple(q))

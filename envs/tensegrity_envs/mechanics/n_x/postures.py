@@ -1,16 +1,15 @@
 """Many configurations with the tip at a target: all of an arm of two joints, a spread of those of longer arms."""
 
-from typing import Any
-
 import numpy as np
 
+from tensegrity_envs.mechanics.n_x.chain import CableArm
 from tensegrity_envs.mechanics.n_x.inverse import all_solutions
 from tensegrity_envs.mechanics.n_x.redundancy import starts
 
 PROJECTED = 60
 
 
-def postures_at(arm: Any, x: np.ndarray, y: np.ndarray, count: int = PROJECTED) -> tuple[np.ndarray, np.ndarray]:
+def postures_at(arm: CableArm, x: np.ndarray, y: np.ndarray, count: int = PROJECTED) -> tuple[np.ndarray, np.ndarray]:
     """Configurations within the joint limits with the tip at the targets (m,).
 
     Of three joints, all at 40 values of alpha_1 and `count` projected ones; of more, the latter alone.

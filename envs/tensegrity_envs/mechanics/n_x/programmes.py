@@ -6,11 +6,11 @@ each programme's solution adds the plane of its own eigenvector.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, is_symbol, is_tensor, namespace_of
+from tensegrity_envs.mechanics.n_x.chain import CableArm
 from tensegrity_envs.mechanics.n_x.joint import Joint
 from tensegrity_envs.mechanics.n_x.tensions import Held, moment_table
 from tensegrity_envs.mechanics.n_x.zonotope import largest_lower_bound
@@ -20,7 +20,11 @@ _GAP = 1e-9  # of the smallest eigenvalue, relative to the largest entry of the 
 
 
 def extreme(
-    arm: Any, joints: Sequence[Joint], holding: Sequence[Held], hessian: Sequence[Sequence[Component]], stiffest: bool
+    arm: CableArm,
+    joints: Sequence[Joint],
+    holding: Sequence[Held],
+    hessian: Sequence[Sequence[Component]],
+    stiffest: bool,
 ) -> tuple[list[Component], Component]:
     """Tensions of any routing and the wrench margin [N]; see `NX.stiffest_tensions`.
 
@@ -119,7 +123,14 @@ def _smallest(matrix: np.ndarray, size: float) -> tuple[float, np.ndarray]:
     return float(values[0]) / size, vectors[:, 0]
 
 
-def _solve(cost: Any, a: Any, b: Any, equal: Any, right: Any, bounds: Any) -> np.ndarray:
+def _solve(
+    cost: np.ndarray,
+    a: np.ndarray | None,
+    b: np.ndarray | None,
+    equal: np.ndarray,
+    right: np.ndarray,
+    bounds: Sequence[tuple[float | None, float | None]],
+) -> np.ndarray:
     """A linear programme that has a solution, up to rounding of the equations."""
     from scipy.optimize import linprog  # slow to import, and only needed here
 

@@ -7,11 +7,13 @@ points walk downhill with steps that shrink until nothing within 1e-11 rad is be
 sequential quadratic programmes with the kinks as constraints (SLSQP) start from many points.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.mechanics.n_x.chain import CableArm
 from tensegrity_envs.mechanics.n_x.inverse import last_joints, lengths
 from tensegrity_envs.mechanics.n_x.pair import beyond, solve_pair
 
@@ -49,12 +51,12 @@ class Redundancy(NamedTuple):
         is_reachable: whether a configuration within the joint limits has its tip there.
     """
 
-    configuration: tuple[Any, ...]
-    objective: Any
-    is_reachable: Any
+    configuration: Components
+    objective: Component
+    is_reachable: Component
 
 
-def measure_of(arm: Any, objective: str, start: np.ndarray, load: Any) -> Measure:
+def measure_of(arm: CableArm, objective: str, start: np.ndarray, load: Sequence[Component]) -> Measure:
     """What is minimized: the objective, or minus the margin.
 
     Raises:
@@ -77,7 +79,7 @@ def measure_of(arm: Any, objective: str, start: np.ndarray, load: Any) -> Measur
 
 
 def project(
-    arm: Any, q: np.ndarray, x: np.ndarray, y: np.ndarray, limit: float, rounds: int = 40
+    arm: CableArm, q: np.ndarray, x: np.ndarray, y: np.ndarray, limit: float, rounds: int = 40
 ) -> tuple[np.ndarray, np.ndarray]:
     """Configurations (n, k) moved to where their tips are at the targets; and which of them are, within the limits."""
     size = float(arm.reach)
@@ -94,7 +96,7 @@ def project(
     return q, np.asarray(np.hypot(px - x, py - y) < 1e-12 * size)
 
 
-def _shortest_step(arm: Any, q: np.ndarray, ex: np.ndarray, ey: np.ndarray, size: float) -> np.ndarray:
+def _shortest_step(arm: CableArm, q: np.ndarray, ex: np.ndarray, ey: np.ndarray, size: float) -> np.ndarray:
     rows = arm.jacobian(tuple(q))
     jx, jy = (np.stack([np.broadcast_to(entry, ex.shape) for entry in row]) for row in rows)
     damping = 1e-3 * (ex * ex + ey * ey) + 1e-30 * size**2
@@ -103,7 +105,7 @@ def _shortest_step(arm: Any, q: np.ndarray, ex: np.ndarray, ey: np.ndarray, size
     return np.asarray(jx * ((c * ex - b * ey) / det) + jy * ((a * ey - b * ex) / det))
 
 
-def starts(arm: Any, x: np.ndarray, y: np.ndarray, limit: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+def starts(arm: CableArm, x: np.ndarray, y: np.ndarray, limit: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Configurations (n, k) with the tip at the targets (m,), and the indices (k,) of their targets."""
     n, m = arm.degrees_of_freedom, len(x)
     rng = np.random.default_rng(0)
@@ -123,7 +125,7 @@ def starts(arm: Any, x: np.ndarray, y: np.ndarray, limit: float, count: int) -> 
 
 
 def walk(
-    arm: Any, q: np.ndarray, owner: np.ndarray, x: np.ndarray, y: np.ndarray, measure: Measure, limit: float
+    arm: CableArm, q: np.ndarray, owner: np.ndarray, x: np.ndarray, y: np.ndarray, measure: Measure, limit: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points (3, k) of the curves of their targets walk downhill until steps of 1e-11 rad lead nowhere better."""
     size = float(arm.reach)
@@ -164,7 +166,13 @@ def walk(
 
 
 def programme(
-    arm: Any, q: np.ndarray, target: tuple[float, float], start: np.ndarray, objective: str, load: Any, limit: float
+    arm: CableArm,
+    q: np.ndarray,
+    target: tuple[float, float],
+    start: np.ndarray,
+    objective: str,
+    load: Sequence[Component],
+    limit: float,
 ) -> np.ndarray:
     """A local optimum by SLSQP from a configuration (n,): the kinks of the objective are constraints."""
     from scipy.optimize import minimize  # slow to import, and only needed here
@@ -172,21 +180,21 @@ def programme(
     n, size = len(q), float(arm.reach)
     more = {"squares": 0, "sum": n, "max": 1, "margin": 1}[objective]
     eye = np.eye(n)
-    bounds: Any = [(-limit, limit)] * n + [(None, None)] * more
+    bounds: list[tuple[float | None, float | None]] = [(-limit, limit)] * n + [(None, None)] * more
 
-    def tip(z: np.ndarray) -> Any:
-        return np.subtract(arm.tip(tuple(z[:n].tolist())), target) / size
+    def tip(z: np.ndarray) -> np.ndarray:
+        return np.asarray(np.subtract(arm.tip(tuple(z[:n].tolist())), target) / size)
 
-    def tip_rows(z: np.ndarray) -> Any:
+    def tip_rows(z: np.ndarray) -> np.ndarray:
         return np.hstack([np.array(arm.jacobian(tuple(z[:n].tolist()))) / size, np.zeros((2, more))])
 
     constraints: list[Any] = [{"type": "eq", "fun": tip, "jac": tip_rows}]
     cost = np.concatenate([np.zeros(n), np.full(more, -1.0 if objective == "margin" else 1.0)])
     if objective == "margin":
 
-        def margins(z: np.ndarray) -> Any:
+        def margins(z: np.ndarray) -> np.ndarray:
             _, stability, wrench = arm.posture(tuple(z[:n].tolist()), load)
-            return np.array([stability, wrench]) - z[n]
+            return np.asarray(np.array([stability, wrench]) - z[n])
 
         constraints.append({"type": "ineq", "fun": margins})
         first = np.append(q, margins(np.append(q, 0.0)).min())
@@ -203,7 +211,7 @@ def programme(
     def value(z: np.ndarray) -> float:
         return float(((z[:n] - start) ** 2).sum()) if objective == "squares" else float(cost @ z)
 
-    def slope(z: np.ndarray) -> Any:
+    def slope(z: np.ndarray) -> np.ndarray:
         return np.asarray(2 * (z - start) if objective == "squares" else cost)
 
     options: Any = {"ftol": 1e-10, "maxiter": 60} if objective == "margin" else {"ftol": 1e-15, "maxiter": 300}
@@ -212,7 +220,7 @@ def programme(
 
 
 def optima(
-    arm: Any, x: np.ndarray, y: np.ndarray, start: np.ndarray, objective: str, load: Any
+    arm: CableArm, x: np.ndarray, y: np.ndarray, start: np.ndarray, objective: str, load: Sequence[Component]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All local optima that were found: index of the target (k,), configurations (n, k), values (k,), best first."""
     limit, n = float(arm.design.joint_limit), arm.degrees_of_freedom

@@ -5,7 +5,6 @@ side of the joint, 1 where it spans the right one, 0 where it runs along struts,
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ NAMES = (PER_JOINT, FROM_BASE)
 Routing = tuple[tuple[int, ...], ...]
 
 
-def checked_routing(given: Any, joints: int, owner: str) -> Any:
+def checked_routing(given: str | Sequence[Sequence[int]], joints: int, owner: str) -> str | Routing:
     """A name as it is, a matrix as a tuple of rows of the integers -1, 0 and 1.
 
     Raises:
@@ -44,15 +43,14 @@ def checked_routing(given: Any, joints: int, owner: str) -> Any:
     return tuple(tuple(int(entry) for entry in row) for row in rows)
 
 
-def routing_table(routing: Any, joints: int) -> Routing:
+def routing_table(routing: str | Sequence[Sequence[int]], joints: int) -> Routing:
     """The table of a routing that `checked_routing` has passed.
 
     "per_joint" has the cables left 1, right 1, left 2, ...; "from_base" the same ones, each of which spans the joints
     below its own, too, on the same side.
     """
     if not isinstance(routing, str):
-        table: Routing = routing
-        return table
+        return tuple(map(tuple, routing))
     rows = []
     for joint in range(joints):
         for side in (-1, 1):
@@ -61,7 +59,7 @@ def routing_table(routing: Any, joints: int) -> Routing:
     return tuple(rows)
 
 
-def cable_names(routing: Any, table: Sequence[Sequence[int]]) -> tuple[str, ...]:
+def cable_names(routing: str | Sequence[Sequence[int]], table: Sequence[Sequence[int]]) -> tuple[str, ...]:
     """Names of the cables: "left 1", "right 1", ...; those of a matrix by number."""
     if isinstance(routing, str):
         return tuple(f"{side} {i // 2 + 1}" for i, side in enumerate(("left", "right") * (len(table) // 2)))

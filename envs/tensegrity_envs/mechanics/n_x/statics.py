@@ -6,7 +6,7 @@ springs and cables a sum of r_i p_i(theta_i) + o_i(phi_i+1), where p and o are c
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.n_x.joint import Joint
@@ -75,7 +75,11 @@ def jacobian(joints: Sequence[Joint], directions: Sequence[Turn], offsets: Compo
 
 
 def energy(
-    joints: Sequence[Joint], directions: Sequence[Turn], offsets: Components, weights: Weights, load: Sequence[Any]
+    joints: Sequence[Joint],
+    directions: Sequence[Turn],
+    offsets: Components,
+    weights: Weights,
+    load: Sequence[Component],
 ) -> Component:
     """Energy of gravity and load [J]."""
     fx, fy = load
@@ -91,7 +95,7 @@ def derivatives(
     directions: Sequence[Turn],
     offsets: Components,
     weights: Weights,
-    load: Sequence[Any] | None,
+    load: Sequence[Component] | None,
 ) -> tuple[list[Component], list[list[Component]]]:
     """Gradient [N m] and Hessian [N m/rad] of the energy of gravity and load; the Hessian's upper triangle is filled.
 

@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.compiler.namespace import Component, Namespace
 from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.mechanics.n_x.design import NXDesign
 from tensegrity_envs.mechanics.n_x.routing import Routing
@@ -68,10 +68,12 @@ def weights(design: NXDesign, of_joints: Sequence[Sequence[Bar]]) -> Weights:
     return Weights(tuple(reversed(lifted)), tuple(reversed(offset)), tuple(reversed(lateral)))
 
 
-def nodes(xp: Any, design: NXDesign, q: Sequence[Component], r: Sequence[Component]) -> dict[str, tuple[Any, Any]]:
+def nodes(
+    xp: Namespace, design: NXDesign, q: Sequence[Component], r: Sequence[Component]
+) -> dict[str, tuple[Component, Component]]:
     """Positions of the nodes [m]; r are the distances of the midpoints of every joint's base and top bar [m]."""
     zero = 0.0 * sum(q[1:], q[0])
-    found: dict[str, tuple[Any, Any]] = {}
+    found: dict[str, tuple[Component, Component]] = {}
     x, y, turn = zero, zero, zero
     for i, (alpha, b, a) in enumerate(zip(q, design.each("b"), design.each("a"), strict=True), start=1):
         cos, sin = b / 2 * xp.cos(turn), b / 2 * xp.sin(turn)

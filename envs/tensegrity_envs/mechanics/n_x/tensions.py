@@ -10,9 +10,9 @@ is greatest, and one that is least, in every component: they are eliminated from
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace
 from tensegrity_envs.mechanics.n_x.joint import Joint
 from tensegrity_envs.mechanics.n_x.routing import Routing
 from tensegrity_envs.mechanics.n_x.zonotope import largest_lower_bound
@@ -31,7 +31,7 @@ class Held(NamedTuple):
     moment: Component
 
 
-def held(xp: Any, joint: Joint, gradient: Component) -> Held:
+def held(xp: Namespace, joint: Joint, gradient: Component) -> Held:
     """The condition of a joint whose passive gradient is given."""
     left, right = joint.sides(xp)
     return Held(left, right, 2 * joint.r * gradient / (joint.b * joint.c))
@@ -61,7 +61,9 @@ def moment_table(routing: Routing, joints: Sequence[Held]) -> list[list[Componen
     return table
 
 
-def _joint_at_bound(xp: Any, joint: Held, bound: Component, is_upper: bool) -> tuple[Component, Component, Component]:
+def _joint_at_bound(
+    xp: Namespace, joint: Held, bound: Component, is_upper: bool
+) -> tuple[Component, Component, Component]:
     """F_left and F_right with one of them at the bound and the other one inside it, and that other one."""
     other_right = (bound * joint.left - joint.moment) / joint.right
     other_left = (bound * joint.right + joint.moment) / joint.left
@@ -74,7 +76,7 @@ def _joint_at_bound(xp: Any, joint: Held, bound: Component, is_upper: bool) -> t
 
 
 def per_joint(
-    xp: Any, joints: Sequence[Held], low: Component, high: Component, stiffest: bool
+    xp: Namespace, joints: Sequence[Held], low: Component, high: Component, stiffest: bool
 ) -> tuple[list[Component], Component]:
     """Tensions of two cables for each joint with one at its bound, the other not clipped; and the wrench margin [N]."""
     tensions: list[Component] = []
@@ -88,7 +90,7 @@ def per_joint(
 
 
 def from_base(
-    xp: Any, routing: Routing, joints: Sequence[Held], low: Component, high: Component, stiffest: bool
+    xp: Namespace, routing: Routing, joints: Sequence[Held], low: Component, high: Component, stiffest: bool
 ) -> tuple[list[Component], Component]:
     """The same with cables that span all joints from the base to their own.
 

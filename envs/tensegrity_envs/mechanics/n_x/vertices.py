@@ -5,10 +5,14 @@ The compliance along a direction, and so its largest value over all directions, 
 tensions is found by any descent, its maximum at a vertex: all of them are enumerated.
 """
 
+from collections.abc import Sequence
 from itertools import combinations, product
 from typing import Any
 
 import numpy as np
+
+from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.mechanics.n_x.chain import CableArm
 
 
 def vertices(table: np.ndarray, moments: np.ndarray, low: float, high: float) -> np.ndarray:
@@ -31,12 +35,13 @@ def vertices(table: np.ndarray, moments: np.ndarray, low: float, high: float) ->
 
 
 def extreme_stiffness(
-    arm: Any, q: tuple[float, ...], load: Any, direction: Any
+    arm: CableArm, q: tuple[float, ...], load: Sequence[Component], direction: Sequence[Component] | None
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Tensions of the least and of the greatest stiffness of the tip, see `TipStiffness`."""
     from scipy.optimize import minimize  # slow to import, and only needed here
 
     low, high = float(arm.design.min_tension), float(arm.design.max_tension)
+    table: np.ndarray
     table, moments = np.array(arm.torque_matrix(q)), np.array(arm.passive_gradient(q, load))
     start = arm.stiffest_tensions(q, load)
     corners = vertices(table, moments, low, high)

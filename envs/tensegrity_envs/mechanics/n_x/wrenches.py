@@ -2,7 +2,7 @@
 
 import math
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -78,7 +78,7 @@ def tip_force_polygon(zonotope: Zonotope, torque: np.ndarray, jacobian: np.ndarr
     )
     if answer.x is None or answer.x[2] <= 1e-12 * np.abs(right).max():
         return np.empty((0, 2))
-    corners: Any = HalfspaceIntersection(np.column_stack([rows, -right]), answer.x[:2]).intersections
+    corners: np.ndarray = HalfspaceIntersection(np.column_stack([rows, -right]), answer.x[:2]).intersections
     return np.asarray(corners[ConvexHull(corners).vertices])
 
 

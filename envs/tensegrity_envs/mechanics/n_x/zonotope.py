@@ -11,9 +11,8 @@ direction gives a condition that is necessary, so rounding in nearly degenerate 
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Any
 
-from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace
 
 # rows of entries; None where the cable does not act on the joint
 Table = Sequence[Sequence[Component | None]]
@@ -50,7 +49,7 @@ def facet_normals(table: Table) -> list[list[Component | None]]:
     return normals
 
 
-def largest_lower_bound(xp: Any, table: Table, moments: Components, high: Component) -> Component:
+def largest_lower_bound(xp: Namespace, table: Table, moments: Components, high: Component) -> Component:
     """The largest number such that some tensions between it and `high` give these moments, at most `high`.
 
     Minus 1e30 times `high` where no lower bound is low enough (of cables that pull one way only).

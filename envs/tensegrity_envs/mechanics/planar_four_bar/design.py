@@ -2,10 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.design import require, require_finite_numbers
 
 
@@ -18,8 +18,8 @@ class PlanarFourBarDesign:
         stiffness: K, of the three springs CE, EF and DF, whose free length is zero [N/m].
     """
 
-    length: Any
-    stiffness: Any
+    length: Component
+    stiffness: Component
 
     def __post_init__(self) -> None:
         """Validate.

@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.planar_four_bar.statics import FourBarStatics
 from tensegrity_envs.mechanics.roots import circle_roots
 
@@ -137,7 +138,7 @@ def _loaded(
     return found
 
 
-def pointing(mechanism: FourBarStatics, lengths: Sequence[Any], gamma: Any, fold: float = 1.0) -> Any:
+def pointing(mechanism: FourBarStatics, lengths: Sequence[Component], gamma: Component, fold: float = 1.0) -> Component:
     """theta [rad] at which bar DE points at the midpoint of bar CF, or (fold = -1) away from it."""
     (cx, cy), (dx, dy) = mechanism.supports(lengths)
     xp = mechanism._xp(gamma, cx)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -294,7 +294,9 @@ def _unloaded(mechanism: FourBarStatics, x: float, y: float) -> list[Found]:
     return found
 
 
-def choose_stable(mechanism: FourBarStatics, x: float, y: float, side: int, load: Any = (0.0, 0.0)) -> InverseSolution:
+def choose_stable(
+    mechanism: FourBarStatics, x: float, y: float, side: int, load: Sequence[Component] = (0.0, 0.0)
+) -> InverseSolution:
     """The stable solution on a side with the shortest actuators.
 
     Raises:

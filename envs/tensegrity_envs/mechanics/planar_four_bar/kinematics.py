@@ -1,11 +1,11 @@
 """Kinematics of the planar 4-bar mechanism: nodes, members, and the unloaded rectangle and flat states."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, detached, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace, detached, namespace_of
 from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.mechanics.planar_four_bar.design import JI2014, PlanarFourBarDesign
 
@@ -50,16 +50,16 @@ class FourBarKinematics:
         self.length, self.stiffness = design.length, design.stiffness
 
     @property
-    def reach(self) -> Any:
+    def reach(self) -> Component:
         """An upper bound of the distance of F from A [m]: three bars, since F hangs on C and C on B."""
         return 3 * self.length
 
     @property
-    def largest_force(self) -> Any:
+    def largest_force(self) -> Component:
         """K L [N]: the compression of the bars DE and CF in every unloaded rectangle."""
         return self.stiffness * self.length
 
-    def _xp(self, *components: Component) -> Any:
+    def _xp(self, *components: Component) -> Namespace:
         return namespace_of(self.length, self.stiffness, *components)
 
     def half_angles(self, lengths: Sequence[Component]) -> HalfAngles:
@@ -98,7 +98,9 @@ class FourBarKinematics:
         along = 2 * (sin_b * cos_b - sin_a * cos_a)  # -N1
         return across * across + along * along, 8 * sin_a * sin_b * (cos_a * cos_b - sin_a * sin_b)
 
-    def _ends(self, xp: Any, q: Sequence[Component], lengths: Sequence[Component]) -> tuple[Point, Point, Point, Point]:
+    def _ends(
+        self, xp: Namespace, q: Sequence[Component], lengths: Sequence[Component]
+    ) -> tuple[Point, Point, Point, Point]:
         (cx, cy), (dx, dy) = self.supports(lengths)
         theta, gamma = q
         e = dx - self.length * xp.cos(theta), dy + self.length * xp.sin(theta)

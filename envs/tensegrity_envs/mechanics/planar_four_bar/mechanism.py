@@ -14,7 +14,6 @@ of the line CD, as long as R = |CD| / L < 1, which is rho1^2 + rho2^2 < 4 L^2; b
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from tensegrity_envs.mechanics.checks import sized
 from tensegrity_envs.mechanics.planar_four_bar import equilibria as _equilibria
 from tensegrity_envs.mechanics.planar_four_bar import inverse as _inverse
 from tensegrity_envs.mechanics.planar_four_bar import snapping as _snapping
+from tensegrity_envs.mechanics.planar_four_bar.design import PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.kinematics import Point
 from tensegrity_envs.mechanics.planar_four_bar.statics import NO_LOAD, FourBarStatics
 
@@ -151,6 +151,8 @@ class PlanarFourBar(FourBarStatics):
         return _snapping.critical_load(self, lengths, side, direction)
 
 
-def _statics(q: Components, parameters: Any) -> tuple[Components, tuple[Components, ...]]:
+def _statics(
+    q: Components, parameters: tuple[PlanarFourBarDesign, Components, Components]
+) -> tuple[Components, tuple[Components, ...]]:
     design, lengths, load = parameters
     return PlanarFourBar(design).statics(q, lengths, load)

@@ -1,8 +1,8 @@
 """Parameters of a spatial prism, validated, and the published ones."""
 
 from dataclasses import dataclass
-from typing import Any
 
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.design import require, require_finite_numbers
 
 
@@ -16,9 +16,9 @@ class SpatialPrismDesign:
         k: stiffness of every spring [N/m]; their free lengths are zero.
     """
 
-    d: Any
-    D: Any
-    k: Any
+    d: Component
+    D: Component
+    k: Component
 
     def __post_init__(self) -> None:
         """Validate.

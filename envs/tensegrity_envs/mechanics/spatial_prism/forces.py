@@ -1,7 +1,6 @@
 """Forces, energy, stiffness and margins of the spatial prism at a configuration; see `mechanism`."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -167,7 +166,7 @@ class PrismStatics(PrismKinematics):
             smallest = xp.minimum(smallest, force)
         return smallest / (self.design.k * self.design.D)
 
-    def compliance(self, q: Sequence[Any], wrench: Sequence[Any] = _NO_WRENCH) -> np.ndarray:
+    def compliance(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> np.ndarray:
         """Matrix d r / d F [m/N] of the centroid with the struts locked, shape (3, 3) or (n, 3, 3): G K^-1 G^T."""
         pose, k = self.pose(q), self.design.k
         _check_not_flat(pose)

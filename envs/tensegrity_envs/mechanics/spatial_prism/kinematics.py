@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -41,7 +40,7 @@ class PrismKinematics:
         self.rotational_stiffness = 1.5 * math.sqrt(3) * design.k * d * D  # kappa [N m/rad]
 
     @property
-    def reach(self) -> Any:
+    def reach(self) -> Component:
         """2.4 D [m]: the longest that the environments make a strut, and more than the centroid's distance then."""
         return 2.4 * self.design.D
 

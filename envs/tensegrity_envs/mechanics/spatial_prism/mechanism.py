@@ -15,7 +15,6 @@ is no gravity but that of a load. The prism has two sheets, z > 0 and z < 0; on 
 import math
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 
@@ -57,7 +56,9 @@ class SpatialPrism(PrismStatics):
 
     # ------------------------------------------------------------------------------------------------------ loads
 
-    def loaded_equilibrium(self, lengths: Sequence[Any], wrench: Sequence[Any], sheet: Any = 1) -> LoadedEquilibrium:
+    def loaded_equilibrium(
+        self, lengths: Sequence[Component], wrench: Sequence[Component], sheet: Component = 1
+    ) -> LoadedEquilibrium:
         """What a wrench makes of a prism whose struts keep their lengths: the equilibrium followed from rest.
 
         Args:
@@ -72,7 +73,7 @@ class SpatialPrism(PrismStatics):
         return self._followed(lengths, wrench, True, sheet)
 
     def equilibrium(
-        self, lengths: Sequence[Any], start: Sequence[Any], wrench: Sequence[Any] = _NO_WRENCH
+        self, lengths: Sequence[Component], start: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH
     ) -> Equilibrium:
         """The equilibrium that a wrench makes of the unloaded prism on the sheet of `start`: `loaded_equilibrium`.
 
@@ -122,7 +123,9 @@ class SpatialPrism(PrismStatics):
         found = self.loaded_inverse_kinematics((float(x), float(y), float(z)), tuple(map(float, wrench)))
         return [found] if found.is_stable else []
 
-    def loaded_inverse_kinematics(self, position: Sequence[Any], wrench: Sequence[Any]) -> LoadedEquilibrium:
+    def loaded_inverse_kinematics(
+        self, position: Sequence[Component], wrench: Sequence[Component]
+    ) -> LoadedEquilibrium:
         """Lengths of the struts that hold the centroid at a position under a wrench; followed from no wrench.
 
         Args:
@@ -171,7 +174,7 @@ class SpatialPrism(PrismStatics):
         return pose, rho, inverse, statics.moment(pose, self.design.k, rho, (0.0, 0.0, 0.0))
 
     def unloading_limit(
-        self, lengths: Sequence[Any], direction: Sequence[Any], largest: float = 400.0, sheet: Any = 1
+        self, lengths: Sequence[Component], direction: Sequence[Component], largest: float = 400.0, sheet: Component = 1
     ) -> UnloadingLimit:
         """The force at the centroid at which a strut first stops pushing or a cable pulling, struts locked.
 
@@ -195,7 +198,7 @@ class SpatialPrism(PrismStatics):
         return UnloadingLimit(*(value[0].item() for value in found))
 
     def _problem(
-        self, known: Sequence[Any], wrench: Sequence[Any], locked: bool, sheet: Any
+        self, known: Sequence[Component], wrench: Sequence[Component], locked: bool, sheet: Component
     ) -> tuple[Problem, np.ndarray]:
         parts = [np.asarray(value, float) for value in (*known, *wrench, sheet)]
         values = np.stack(np.broadcast_arrays(np.zeros(1), *parts))[1:]
@@ -207,7 +210,9 @@ class SpatialPrism(PrismStatics):
         d, D, k = (np.asarray(getattr(self.design, field.name), float) for field in fields(self.design))
         return Problem((d, D, k), self.platform, self.base, values[:3].copy(), locked, values[-1]), load
 
-    def _followed(self, known: Sequence[Any], wrench: Sequence[Any], locked: bool, sheet: Any) -> LoadedEquilibrium:
+    def _followed(
+        self, known: Sequence[Component], wrench: Sequence[Component], locked: bool, sheet: Component
+    ) -> LoadedEquilibrium:
         problem, load = self._problem(known, wrench, locked, sheet)
         found = problem.told(*_with(problem.follow(load), load))
         if any(np.ndim(value) for value in (*known, *wrench, sheet)):
@@ -225,7 +230,7 @@ def _with(followed: tuple[np.ndarray, np.ndarray], load: np.ndarray) -> tuple[np
 def _told(found: LoadedEquilibrium) -> Equilibrium:
     """What every mechanism tells of an equilibrium."""
 
-    def words(is_stable: Any, fraction: Any) -> str:
+    def words(is_stable: bool, fraction: float) -> str:
         return "stable" if is_stable else f"lost at {float(fraction):.6g} of the wrench, followed from rest"
 
     single = np.ndim(found.fraction) == 0

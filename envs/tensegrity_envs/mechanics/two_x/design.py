@@ -2,10 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.design import require, require_finite_numbers
 
 
@@ -28,17 +28,17 @@ class TwoXDesign:
         joint_limit: |alpha_i| is at most this [rad]; pi excludes the flat poses, 2 pi is the full torus.
     """
 
-    b: Any
-    l: Any
-    a: Any
-    k1: Any
-    k2: Any
-    min_tension: Any
-    max_tension: Any
-    payload: Any = 0.0
-    bar_density: Any = 2700.0
-    bar_radius: Any = 0.005
-    gravity: Any = 9.8
+    b: Component
+    l: Component
+    a: Component
+    k1: Component
+    k2: Component
+    min_tension: Component
+    max_tension: Component
+    payload: Component = 0.0
+    bar_density: Component = 2700.0
+    bar_radius: Component = 0.005
+    gravity: Component = 9.8
     joint_limit: float = math.pi
 
     def __post_init__(self) -> None:

@@ -1,7 +1,7 @@
 """Inverse kinematics of the 2-X manipulator: every configuration with the tip at a target, roots of one polynomial."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -333,6 +333,6 @@ def furet_quartic(x: float, y: float, b: float) -> np.ndarray:
     )
 
 
-def _angle_gap(first: Any, second: Any) -> Any:
+def _angle_gap(first: Component, second: Component) -> Component:
     gap = np.abs(first - second) % _FULL_TURN
     return np.minimum(gap, _FULL_TURN - gap)

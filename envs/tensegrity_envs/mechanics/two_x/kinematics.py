@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, is_symbol, namespace_of
-from tensegrity_envs.mechanics.design import Member, take
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace, is_symbol, namespace_of
+from tensegrity_envs.mechanics.design import Index, Member, take
 from tensegrity_envs.mechanics.two_x.design import MURALIDHARAN2022, TwoXDesign
 
 _BARS = "A1 C1, B1 D1, D1 C1, D1 A2, D1 B2, C1 B2, A2 B2, A2 C2, B2 D2, D2 C2, D2 P, C2 P"
@@ -56,34 +56,25 @@ class TwoXKinematics:
             value for value in vars(design).values() if isinstance(value, np.ndarray) or is_symbol(value)
         )  # 0 for a single design
 
-    def take(self, index: Any) -> Self:
+    def take(self, index: Index) -> Self:
         """The mechanisms at `index` of a batch of designs; itself where there is one design only."""
-        if not isinstance(self._probe, np.ndarray):
-            return self
-        part = object.__new__(type(self))
-        part.__dict__.update(
-            {name: value[index] if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
-        )
-        part.design = take(self.design, index)
-        part._masses = [m[index] if isinstance(m, np.ndarray) else m for m in self._masses]
-        part._lengths = tuple(m[index] if isinstance(m, np.ndarray) else m for m in self._lengths)
-        return part
+        return take(self, index)
 
     @property
-    def reach(self) -> Any:
+    def reach(self) -> Component:
         """An upper bound of the tip's distance from the base [m]."""
         return 2 * (self.design.l + self.design.a)
 
-    def _joint(self, xp: Any, alpha: Component) -> Joint:
+    def _joint(self, xp: Namespace, alpha: Component) -> Joint:
         return self._joint_at(xp, xp.sin(alpha / 2), xp.cos(alpha / 2))
 
-    def _joint_at(self, xp: Any, s: Component, c: Component) -> Joint:
+    def _joint_at(self, xp: Namespace, s: Component, c: Component) -> Joint:
         bb = self._bb
         r = xp.sqrt(self._excess + bb * s * s)  # = sqrt(l^2 - b^2 c^2) without its cancellation for l close to b
         dr = bb * s * c / (2 * r)
         return Joint(s, c, r, dr, (bb * (c * c - s * s) / 4 - dr * dr) / r)
 
-    def _xp(self, *components: Component) -> Any:
+    def _xp(self, *components: Component) -> Namespace:
         return namespace_of(self._probe, *components)
 
     def tip(self, q: Sequence[Component], inputs: Sequence[Component] | None = None) -> tuple[Component, Component]:

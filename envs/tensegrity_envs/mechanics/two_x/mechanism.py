@@ -13,7 +13,6 @@ so they do no work on alpha_1.
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.checks import check_finite, sized
 from tensegrity_envs.mechanics.stiffness import TipStiffness
 from tensegrity_envs.mechanics.two_x import inverse as _inverse
+from tensegrity_envs.mechanics.two_x.design import TwoXDesign
 from tensegrity_envs.mechanics.two_x.inverse import InverseSolution, solve
 from tensegrity_envs.mechanics.two_x.statics import TwoXStatics
 
@@ -137,6 +137,8 @@ class TwoX(TwoXStatics, TipStiffness):
         return _inverse.through_anomaly(self, x, y, psi)
 
 
-def _statics(q: Components, parameters: Any) -> tuple[Components, tuple[Components, ...]]:
+def _statics(
+    q: Components, parameters: tuple[TwoXDesign, Components, Components]
+) -> tuple[Components, tuple[Components, ...]]:
     design, tensions, load = parameters
     return TwoX(design).statics(q, tensions, load)

@@ -1,9 +1,8 @@
 """Statics of the 2-X manipulator: potential energy, stiffness, the stiffest tensions and the margins."""
 
 from collections.abc import Sequence
-from typing import Any
 
-from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace
 from tensegrity_envs.mechanics.two_x.kinematics import Joint, TwoXKinematics, directions
 
 _NO_LOAD = (0.0, 0.0)
@@ -33,7 +32,7 @@ class TwoXStatics(TwoXKinematics):
         springs = k1 * (ll - bb * xp.cos(a1)) + k2 * (ll - bb * xp.cos(a2))
         return gravity_and_load + springs + tensions[0] * l1 + tensions[1] * r1 + tensions[2] * l2 + tensions[3] * r2
 
-    def _passive(self, xp: Any, j1: Joint, j2: Joint, load: Sequence[Component]) -> tuple[Component, ...]:
+    def _passive(self, xp: Namespace, j1: Joint, j2: Joint, load: Sequence[Component]) -> tuple[Component, ...]:
         """Gradient [N m] and Hessian [N m/rad] of the energy without cables: (g1, g2, h11, h12, h22)."""
         s1, c1, r1, dr1, ddr1 = j1
         s2, c2, r2, dr2, ddr2 = j2
@@ -65,7 +64,7 @@ class TwoXStatics(TwoXKinematics):
         )
 
     def _active(
-        self, xp: Any, j1: Joint, j2: Joint, tensions: Sequence[Component], load: Sequence[Component]
+        self, xp: Namespace, j1: Joint, j2: Joint, tensions: Sequence[Component], load: Sequence[Component]
     ) -> tuple[Component, ...]:
         """Gradient and Hessian of the whole energy: (g1, g2, h11, h12, h22)."""
         g1, g2, h11, h12, h22 = self._passive(xp, j1, j2, load)
@@ -145,7 +144,7 @@ class TwoXStatics(TwoXKinematics):
         return self.statics(q, tensions, load)[1]
 
     def _stiffest(
-        self, xp: Any, j1: Joint, j2: Joint, load: Sequence[Component]
+        self, xp: Namespace, j1: Joint, j2: Joint, load: Sequence[Component]
     ) -> tuple[Components, Component, Component]:
         """Stiffest tensions, stability margin and wrench margin."""
         g1, g2, h11, h12, h22 = self._passive(xp, j1, j2, load)
@@ -247,7 +246,7 @@ class TwoXStatics(TwoXKinematics):
         return (stability > 0) & (wrench >= 0) & self.is_within_limits(q)
 
 
-def smallest_eigenvalue(h11: Component, h12: Component, h22: Component, xp: Any) -> Component:
+def smallest_eigenvalue(h11: Component, h12: Component, h22: Component, xp: Namespace) -> Component:
     """Smallest eigenvalue of a symmetric 2 x 2 matrix."""
     half = (h11 - h22) / 2
     return (h11 + h22) / 2 - xp.sqrt(half * half + h12 * h12)

@@ -7,7 +7,6 @@ is maximized along them: its maximum is a continuous function of the point, and 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any
 
 import numpy as np
 import shapely
@@ -116,11 +115,11 @@ def beyond(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """Values continued by their nearest ones inside, so that contours run up to the boundary, where they are cut."""
     if not inside.any():
         return values
-    nearest: Any = distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    nearest: np.ndarray = distance_transform_edt(~inside, return_distances=False, return_indices=True)
     return np.asarray(values[tuple(nearest)])
 
 
-def region_of(field: Field, b: float) -> Any:
+def region_of(field: Field, b: float) -> shapely.Geometry:
     """Where a field is positive, as a shapely geometry [m]."""
     rings = [b * np.asarray(ring) for ring in contour_generator(field.x, field.y, field.value).lines(0.0)]
     polygons = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings if len(ring) > 3]
