@@ -34,6 +34,7 @@ def made_up(
     success = np.arange(episodes) < successes
     values = {key: np.full(episodes, 0.5) for key in COLUMNS} | {
         "score": np.full(episodes, np.nan),
+        "settling_time_s": np.full(episodes, np.nan),
         "success": success.astype(float),
         "success_ever": success.astype(float),
         "final_error_m": np.where(success, 0.001, 0.05),
@@ -158,6 +159,20 @@ def test_a_push_is_held():
 
     assert "held" in words(1.2)
     assert "on target" in words(math.nan)
+
+
+def test_settling_times_are_those_of_all_episodes():
+    """Who does not settle has never settled: he counts as infinitely late, and is not left out."""
+    late = np.where(np.arange(100) < 80, np.linspace(0.5, 1.29, 100), np.inf)
+    rows = table.summary_rows([made_up("agent", "agent", 80, settling_time_s=late), made_up("other", "baseline")])
+    assert rows[0]["settling_median"] == pytest.approx(0.5 + 0.79 * 50 / 99) and math.isinf(rows[0]["settling_p90"])
+    assert math.isnan(rows[1]["settling_median"])
+    text = table.to_markdown(rows)
+    assert "settling time [s] median" in text and "| 0.90 | \N{INFINITY} |" in text
+    stream = io.StringIO()
+    table.print_table(rows, Console(file=stream, width=100))
+    assert "since" in stream.getvalue() and "0.90" in stream.getvalue()
+    assert max(map(len, stream.getvalue().splitlines())) <= 100 and "3.20" in stream.getvalue()
 
 
 @pytest.mark.parametrize("count", [1, 2, 8])

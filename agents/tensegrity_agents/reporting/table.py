@@ -241,7 +241,7 @@ def print_table(rows: list[Row], console: Console) -> None:
     settles = any(not math.isnan(row["settling_median"]) for row in rows)
     explained = "ever: on target at any step. steps: median of the episodes that got there."
     if settles:
-        explained = "ever: settled at any step. settled: median time after which the tip stays on target."
+        explained = "ever: settled at any step. since: median time after which the tip stays on target."
     if with_score:
         explained = "score: largest force held, in critical loads of the straight arm."
     table = Table(
@@ -258,7 +258,7 @@ def print_table(rows: list[Row], console: Console) -> None:
         "ever\n[%]",
         f"error [{rows[0]['error_unit'] if rows else 'mm'}]\nmedian",
         "\n95th",
-        "settled\n[s]" if settles else "steps\n",
+        "since\n[s]" if settles else "steps\n",
         "unstab.\n[%]",
         "infeas.\n[%]",
         "effort\n[-]",
