@@ -11,6 +11,7 @@ from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.dynamic_servo import RestingRamp
 from tensegrity_agents.controllers.planar_four_bar.dynamic import DampedFeedback, PlannedPath
 from tensegrity_agents.controllers.random import RandomController
+from tensegrity_agents.controllers.regulated import Regulated, Shaped
 from tensegrity_agents.controllers.spatial_prism.dynamic import CurveTracking, TrackingFeedback
 from tensegrity_agents.controllers.two_x import posture
 from tensegrity_agents.own_modules import own_module
@@ -104,9 +105,21 @@ DYNAMIC: dict[str, dict[str, Callable[[Core], Any]]] = {
     },
 }
 
-DYNAMIC["TwoXFastReach"] = dict(DYNAMIC["TwoXReach"])
+# Fast tasks: the same, at full speed, too; ramps that wait for rest would be too late there.
+DYNAMIC["TwoXFastReach"] = {
+    "closed_form_ramp": partial(Ramp, base=two_x.ClosedFormIK),
+    "pseudo_inverse": partial(Feedback, base=two_x.PseudoInverse, slowed=0.1),
+    "closed_form_shaped": partial(Shaped, base=two_x.ClosedFormIK),
+    "lqr": partial(Regulated, base=two_x.Observer, shaper=None, softness=10.0),
+    "oracle": partial(Regulated, base=two_x.Oracle, shaper=None, softness=10.0),
+}
 DYNAMIC["DualTriangleFastReach"] = {
-    name: make for name, make in DYNAMIC["DualTriangleReach"].items() if name != "identifying_observer"
+    "closed_form_ramp": partial(Ramp, base=dual_triangle.ClosedFormSquares),
+    "pseudo_inverse": partial(Feedback, base=dual_triangle.PseudoInverse),
+    "observer": partial(Ramp, base=dual_triangle.Observer),
+    "closed_form_shaped": partial(Shaped, base=dual_triangle.ClosedFormSquares),
+    "lqr": partial(Regulated, base=dual_triangle.Observer),
+    "oracle": partial(Regulated, base=dual_triangle.Oracle),
 }
 
 # Those that are registered for one id, by that id.

@@ -10,6 +10,7 @@ import numpy as np
 
 from tensegrity_agents.controllers.dynamic import ADDS, Base, Memory, Pace, Planned
 from tensegrity_agents.controllers.fixed_length_damping import Damping, DampingMemory
+from tensegrity_agents.controllers.input_shaping import Vibration, shaped
 from tensegrity_agents.controllers.planar_four_bar.modes import FourBarModes
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
@@ -74,23 +75,10 @@ class PlannedPath(_Lengths[PathMemory]):
         return self.action_to(wanted, observed.inputs), PathMemory(plan, step + 1, damping)
 
     def _shaped(self, observed: DecodedObservation, plan: np.ndarray) -> np.ndarray:
-        """The plan, a quarter of it now, half of it half a period later, a quarter a period later; for each mode."""
-        n, length, _ = plan.shape
+        """The plan through a shaper for each mode where it ends, without damping; see `input_shaping`."""
         _, _, branch = self.modes.read(observed, plan[:, -1])
         halves = self.damper.half_periods(plan[:, -1], branch)
-        plan = np.concatenate([plan, np.repeat(plan[:, -1:], 50, axis=1)], axis=1)
-        start = observed.inputs[:, None]
-        for half in halves.T:
-            moved = 0.25 * plan
-            for share, delay in ((0.5, half), (0.25, 2 * half)):
-                at = np.maximum(np.arange(length + 50) + 1 - delay[:, None], 0.0)  # 0: the start, k: the plan's k-th
-                whole = np.concatenate([start, plan], axis=1)
-                before = np.minimum(at.astype(int), length + 49)
-                part = (at - before)[..., None]
-                rows = np.arange(n)[:, None]
-                moved = moved + share * ((1 - part) * whole[rows, before] + part * whole[rows, before + 1])
-            plan = moved
-        return plan
+        return shaped(observed.inputs, plan, Vibration(halves, np.ones_like(halves)))
 
 
 class FeedbackMemory(NamedTuple):

@@ -88,7 +88,7 @@ class MujocoModel(Simulator):
         calm_speed = _SLOWEST * ((1e-7 if self.linkage.loops else 1e-12) if tolerance is None else tolerance)
         data = self._scratch
         self._load(data, self.state(np.asarray(start, float).reshape(-1), None, inputs))
-        self._command(data, inputs, load)
+        self.command(data, inputs, load)
         with without_log():
             reason, steps = self._come_to_rest(data, calm_speed, max_steps)
         angles = data.qpos.copy()
@@ -116,7 +116,8 @@ class MujocoModel(Simulator):
             before = energy
         return f"not at rest after {max_steps} steps", max_steps
 
-    def _command(self, data: Any, inputs: np.ndarray, load: Any) -> None:
+    def command(self, data: Any, inputs: np.ndarray, load: Any) -> None:
+        """Put constant inputs, and a load at the tip [N] or None, into an MjData of this model."""
         data.ctrl[:] = 0.0 if self._is_ramped else inputs
         data.xfrc_applied[self._tip, self._axes] = self._check_load(load)
 
@@ -125,7 +126,7 @@ class MujocoModel(Simulator):
         data = self._scratch
         inputs = self.input_bounds[0] if inputs is None else self._check_inputs(inputs)
         self._load(data, self.state(np.asarray(q, float).reshape(-1), None, inputs))
-        self._command(data, inputs, load)
+        self.command(data, inputs, load)
         mujoco.mj_fwdPosition(self.model, data)
         mujoco.mj_fwdVelocity(self.model, data)
         mujoco.mj_fwdActuation(self.model, data)
@@ -159,7 +160,7 @@ class MujocoModel(Simulator):
         """Kinetic and potential energy of a state [J]."""
         data = self._scratch
         self._load(data, self._check("state", state, self.state_size))
-        self._command(data, self._check_inputs(inputs), load)
+        self.command(data, self._check_inputs(inputs), load)
         mujoco.mj_fwdPosition(self.model, data)
         return self._energy_of(data) + float(data.qvel @ self._full_mass_matrix(data) @ data.qvel) / 2
 
