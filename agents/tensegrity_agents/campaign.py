@@ -64,12 +64,12 @@ class Task(NamedTuple):
         settings = {"env": given.env, "options": given.options, "episodes": given.episodes}
         if self.seed is None:
             return hash_of(settings | {"controller": self.controller})
-        return hash_of(settings | {"seed": self.seed, "train": given.train.model_dump(mode="json")})
+        return hash_of(settings | {"seed": self.seed, "train": _settings(given)})
 
     def home(self, results: Path) -> Path:
         """Where it is trained: not where another config was."""
         given = self.experiment
-        trained = hash_of({"options": given.options, "train": given.train.model_dump(mode="json")})
+        trained = hash_of({"options": given.options, "train": _settings(given)})
         return results / f"{self.short_id}-{trained}" / f"agent-{self.seed}"
 
     def file(self, records: Path) -> Path:
@@ -87,6 +87,11 @@ class Task(NamedTuple):
             return None
         record = read_record(path)
         return record if record.config == self.config else None
+
+
+def _settings(experiment: Experiment) -> dict[str, Any]:
+    """What the training is asked for; settings that come later, and are not used, do not make it another one."""
+    return experiment.train.model_dump(mode="json", exclude_defaults=True)
 
 
 def tasks_of(experiment: Experiment, agents: bool = True, controllers: bool = True) -> list[Task]:

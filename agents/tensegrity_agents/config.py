@@ -121,6 +121,12 @@ class TrainConfig(_Strict):
     history: int = Field(
         0, ge=0, description="observations and actions of so many steps before, and the first observation, are seen"
     )
+    levels: list[int] | None = Field(
+        None,
+        min_length=1,
+        description="of uncertainty while training, such as [0, 1, 2, 3]: an equal share of the environments is at "
+        "each, which the agent is not told; by default that of the environment",
+    )
     teacher: TeacherSettings | None = Field(
         None, description="shows the agent what to do before PPO begins; see sb3.teacher_student"
     )
@@ -229,6 +235,19 @@ class Experiment(_Strict):
             raise ValueError(
                 f"teacher.controller: no {teacher.controller!r} for {self.env}; there are {', '.join(known)}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _levels_fit(self) -> "Experiment":
+        train, levels = self.train, self.train.levels
+        if levels is None:
+            return self
+        if train.algorithm != "ppo":
+            raise ValueError(f"levels: needs algorithm: ppo, not {train.algorithm}")
+        if len(set(levels)) != len(levels) or len(levels) > train.ppo.num_envs:
+            raise ValueError(f"levels {levels}: must be different ones, at most as many as ppo.num_envs")
+        for level in levels:
+            env_options.check_options(self.env, self.training_options | {"level": level})
         return self
 
     @model_validator(mode="after")

@@ -1,6 +1,7 @@
 """The campaign: rows are kept, measured once, and again as soon as their config changes."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +12,12 @@ from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.evaluation.records import Record, packed, read_record, read_records, unpacked
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.experiment import train_agents
+from tensegrity_agents.pretrained import FOLDER
 from tensegrity_agents.sb3.policy_file import load_policy
+from tensegrity_envs import ENV_IDS
 from tensegrity_envs.seeding import TEST_SEED
 
+ROOT = Path(__file__).parents[2]
 SMALL = {
     "env": "TwoXReach-v0",
     "seeds": [0, 1, 2],
@@ -142,3 +146,18 @@ def test_a_foreign_file_is_named(tmp_path):
     path.write_text(json.dumps({"env": "x"}))
     with pytest.raises(ValueError, match=r"agent-0\.json: not a record"):
         read_record(path)
+
+
+def test_shipped_policies_are_the_medians_of_the_kept_rows():
+    rows = read_records(ROOT / "records")
+    for home in (path.parent for path in FOLDER.glob("*/policy.json")):
+        agents = [row for row in rows[f"tensegrity/{home.name}"] if row.kind == "agent"]
+        chosen = median_record(agents)
+        assert json.loads((home / "policy.json").read_text())["seed"] == chosen.seed
+        assert (home / FLAGS).read_text().strip() == "".join("01"[flag] for flag in chosen.flags().astype(int))
+
+
+def test_kept_rows_are_of_environments_that_there_are():
+    rows = read_records(ROOT / "records")
+    assert set(rows) <= set(ENV_IDS)
+    assert all(row.episodes == 1000 for group in rows.values() for row in group)

@@ -14,6 +14,7 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from tensegrity_agents.config import OffPolicySettings, PPOSettings, TeacherSettings, TrainConfig
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
+from tensegrity_agents.sb3.levels import LevelsVecEnv
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
 CHECKPOINT = "checkpoint.pt"
@@ -176,12 +177,12 @@ def _defaults(model: type[BaseModel]) -> dict[str, Any]:
     }
 
 
-def adapter_of(env: VecNormalize) -> VectorEnvAdapter:
+def adapter_of(env: VecNormalize) -> VectorEnvAdapter | LevelsVecEnv:
     """The adapter within the wrappers of a training's environments."""
     return _parts(env)[2]
 
 
-def _parts(env: VecNormalize) -> tuple[VecMonitor, list[AugmentedVecEnv], VectorEnvAdapter]:
+def _parts(env: VecNormalize) -> tuple[VecMonitor, list[AugmentedVecEnv], VectorEnvAdapter | LevelsVecEnv]:
     """The wrappers and the adapter within."""
     monitor: Any = env.venv
     inner: Any = monitor.venv

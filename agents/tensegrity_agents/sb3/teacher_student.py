@@ -173,6 +173,49 @@ class Teacher:
         return np.asarray(gap / np.maximum(np.abs(gap).max(axis=1, keepdims=True), 1.0))
 
 
+class Teachers:
+    """One teacher for each of several vector environments that are side by side as one; see `Teacher`.
+
+    Args:
+        parts: a teacher for each.
+    """
+
+    def __init__(self, parts: list[Teacher]) -> None:
+        self.parts = parts
+        self.ends = np.cumsum([part.shell.num_envs for part in parts])
+
+    @property
+    def knows_a_way(self) -> np.ndarray:
+        """Whether each path leads to the target, (n,)."""
+        return np.concatenate([part.knows_a_way for part in self.parts])
+
+    @property
+    def margin(self) -> np.ndarray:
+        """Of stability, where each environment is, (n,)."""
+        return np.concatenate([part.margin for part in self.parts])
+
+    def state(self) -> list[dict[str, np.ndarray]]:
+        """All that determines what follows, beside the environments."""
+        return [part.state() for part in self.parts]
+
+    def go_on(self, state: list[dict[str, np.ndarray]]) -> None:
+        """Go on where `state` was told."""
+        for part, own in zip(self.parts, state, strict=True):
+            part.go_on(own)
+
+    def actions(self, begins: np.ndarray) -> np.ndarray:
+        """What the oracles would do now, (n, action size); see `Teacher.actions`."""
+        return np.concatenate([part.actions(own) for part, own in self._with(begins)])
+
+    def note(self, actions: np.ndarray) -> None:
+        """Remember what was done, (n, action size)."""
+        for part, own in self._with(actions):
+            part.note(own)
+
+    def _with(self, values: np.ndarray) -> list[tuple[Teacher, np.ndarray]]:
+        return list(zip(self.parts, np.split(values, self.ends[:-1]), strict=True))
+
+
 def observations(core: Any, outcomes: np.ndarray) -> dict[str, np.ndarray]:
     """What n environments observe, according to a matrix of outcomes of n columns."""
     rows = core.outcomes.rows
@@ -203,7 +246,7 @@ class Lessons:
         experiment: whose `train.teacher` says how.
         model: of PPO, whose policy is the student.
         env: its environments.
-        shell: the vector environment within.
+        shell: the vector environment within, or `levels.Shells`.
 
     Attributes:
         round: how many are over.
@@ -214,8 +257,11 @@ class Lessons:
         assert settings is not None
         self.settings, self.model, self.env = settings, model, env
         options = experiment.training_options
-        self.teacher = Teacher(
-            settings.controller, experiment.env, options, shell, settings.horizon, settings.replan_after
+        self.teacher = Teachers(
+            [
+                Teacher(settings.controller, experiment.env, options, part, settings.horizon, settings.replan_after)
+                for part in getattr(shell, "parts", [shell])
+            ]
         )
         net: Any = model.policy
         self.parameters = [*net.mlp_extractor.policy_net.parameters(), *net.action_net.parameters()]

@@ -52,6 +52,7 @@ from tensegrity_agents.sb3.curve import (
     read_curve,
     write_curve,
 )
+from tensegrity_agents.sb3.levels import LevelsVecEnv
 from tensegrity_agents.sb3.policy_file import (
     Normalization,
     TrainedPolicy,
@@ -367,8 +368,12 @@ def train(
 
 def _environment(experiment: Experiment) -> VecNormalize:
     settings, options = experiment.train, experiment.training_options
-    if settings.algorithm == "ppo":
-        inner: Any = VectorEnvAdapter.make(experiment.env, settings.ppo.num_envs, stagger=True, **options)
+    inner: Any
+    if settings.levels is not None:
+        count = settings.ppo.num_envs
+        inner = LevelsVecEnv.make(experiment.env, count, settings.levels, stagger=True, **options)
+    elif settings.algorithm == "ppo":
+        inner = VectorEnvAdapter.make(experiment.env, settings.ppo.num_envs, stagger=True, **options)
     else:
         inner = DummyVecEnv([lambda: gym.make(experiment.env, **options)])
     described = {"env": experiment.env, "options": experiment.options, **settings.model_dump(mode="json")}
