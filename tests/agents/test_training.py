@@ -14,6 +14,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from script_runs import run
 from stable_baselines3 import SAC, HerReplayBuffer
 from stable_baselines3.common.vec_env import VecMonitor
 
@@ -471,16 +472,15 @@ def test_shipped_configs_are_valid(path):
 def test_scripts_teach_and_refuse(script):
     """--help names what the script does; a misspelt option or environment is answered with what exists."""
     command = [sys.executable, str(ROOT / "scripts" / f"{script}.py")]
-    run = {"capture_output": True, "text": True, "cwd": ROOT, "env": os.environ | {"COLUMNS": "160"}}
-    shown = subprocess.run([*command, "--help"], check=True, **run).stdout
+    shown = subprocess.run([*command, "--help"], check=True, capture_output=True, text=True, cwd=ROOT).stdout
     assert "--" in shown
-    bad = subprocess.run([*command, "--confg", "x"], check=False, **run)
-    assert bad.returncode == 2
+    code, _ = run(script, "--confg", "x")
+    assert code == 2
     if script in ("evaluate", "compare", "train", "tune"):
-        bad = subprocess.run([*command, "--env", "TwoXRech-v0"], check=False, **run)
-        assert bad.returncode == 2
-        assert "TwoXReach-v0" in bad.stdout
-        assert "Traceback" not in bad.stdout + bad.stderr
+        code, told = run(script, "--env", "TwoXRech-v0")
+        assert code == 2
+        assert "TwoXReach-v0" in told
+        assert "Traceback" not in told
 
 
 def test_every_environment_has_a_config_that_compares_the_agent_with_all_its_baselines():

@@ -1,6 +1,5 @@
 """Slips at the command line: one message that names what was given and what would work, an exit code, no traceback."""
 
-import importlib.util
 import json
 import os
 import re
@@ -10,8 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-import typer
-from typer.testing import CliRunner
+from script_runs import run
 
 import tensegrity_agents.console
 from tensegrity_agents.config import Experiment
@@ -38,20 +36,6 @@ class Lonely:
     def predict(self, observation): return observation["achieved_goal"], None
 number = 3
 """
-
-
-def run(script, *arguments):
-    """The exit code and all that was printed; a traceback counts as such."""
-    spec = importlib.util.spec_from_file_location(script, ROOT / "scripts" / f"{script}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    app = typer.Typer()
-    app.command()(module.main)
-    result = CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200", "TERMINAL_WIDTH": "200"})
-    text = result.output
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        text += f"Traceback of {result.exception!r}"
-    return result.exit_code, text
 
 
 @pytest.fixture(scope="module")
