@@ -1,7 +1,7 @@
 """What a controller is, and what the analytic ones share: how they read, remember and act."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -33,6 +33,10 @@ class Controller(Protocol):
     ) -> tuple[np.ndarray, Any]:
         """Actions for a batch of observations, and the controller's next state."""
         ...
+
+
+# By the name of an environment's arm, then by their own: what makes each controller for a core.
+Makers = dict[str, dict[str, Callable[[Core], Any]]]
 
 
 def beginning(count: int, state: object, episode_start: object) -> np.ndarray:

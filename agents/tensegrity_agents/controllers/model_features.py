@@ -11,18 +11,13 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from tensegrity_agents.controllers import planar_four_bar
+from tensegrity_agents.controllers import FOLDERS
 from tensegrity_agents.controllers.base import Observation, beginning
-from tensegrity_envs.environments import PlanarFourBarReach
 
-
-def _planar_four_bar(core: PlanarFourBarReach) -> planar_four_bar.Features:
-    loaded = any(core.sampler.load_range)
-    return planar_four_bar.LoadedFeatures(core) if loaded else planar_four_bar.Features(core)
-
-
-# By the name of the environment's arm: makes, for a core, what has `size` and computes so many features.
-FEATURES: dict[str, Callable[[Any], Any]] = {"PlanarFourBarReach": _planar_four_bar}
+# By the name of the environment's arm, as the folders of the mechanisms say.
+FEATURES: dict[str, Callable[[Any], Any]] = {
+    arm: make for folder in FOLDERS for arm, make in getattr(folder, "FEATURES", {}).items()
+}
 
 
 class ModelFeatures:

@@ -1,5 +1,8 @@
 """Analytic controllers of the dual-triangle arm."""
 
+from functools import partial
+
+from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.dual_triangle.push import HoldInputs, PushObserver, PushOracle, PushPseudoInverse
 from tensegrity_agents.controllers.dual_triangle.reach import (
     ClosedFormMax,
@@ -10,8 +13,13 @@ from tensegrity_agents.controllers.dual_triangle.reach import (
     PseudoInverse,
 )
 from tensegrity_agents.controllers.dual_triangle.servo import IdentifyingObserver, Servo
+from tensegrity_agents.controllers.dynamic import Feedback, Ramp
+from tensegrity_agents.controllers.dynamic_servo import RestingRamp
+from tensegrity_agents.controllers.regulated import Regulated, Shaped
 
 __all__ = [
+    "BASELINES",
+    "DYNAMIC",
     "ClosedFormMax",
     "ClosedFormSquares",
     "ClosedFormSum",
@@ -25,3 +33,43 @@ __all__ = [
     "PushPseudoInverse",
     "Servo",
 ]
+
+# By the name of the environment's arm, then by their own, the strongest last: how to make each for a core.
+BASELINES: Makers = {
+    "DualTriangleReach": {
+        "closed_form_sum": ClosedFormSum,
+        "closed_form_max": ClosedFormMax,
+        "closed_form_squares": ClosedFormSquares,
+        "pseudo_inverse": PseudoInverse,
+        "observer": Observer,
+        "servo": Servo,
+        "identifying_observer": IdentifyingObserver,
+        "oracle": Oracle,
+    },
+    "DualTrianglePush": {
+        "closed_form": HoldInputs,
+        "pseudo_inverse": PushPseudoInverse,
+        "observer": PushObserver,
+        "oracle": PushOracle,
+    },
+}
+
+# The same of the dynamic environments: quasi-static controllers, led along ramps, shaped or damped.
+DYNAMIC: Makers = {
+    "DualTriangleReach": {
+        "closed_form_ramp": partial(Ramp, base=ClosedFormSquares),
+        "pseudo_inverse": partial(Feedback, base=PseudoInverse),
+        "observer": partial(Ramp, base=Observer),
+        "identifying_observer": partial(RestingRamp, base=Observer),
+        "oracle": partial(Ramp, base=Oracle),
+    },
+}
+# Fast tasks: the same, at full speed, too; ramps that wait for rest would be too late there.
+DYNAMIC["DualTriangleFastReach"] = {
+    "closed_form_ramp": partial(Ramp, base=ClosedFormSquares),
+    "pseudo_inverse": partial(Feedback, base=PseudoInverse),
+    "observer": partial(Ramp, base=Observer),
+    "closed_form_shaped": partial(Shaped, base=ClosedFormSquares),
+    "lqr": partial(Regulated, base=Observer),
+    "oracle": partial(Regulated, base=Oracle),
+}

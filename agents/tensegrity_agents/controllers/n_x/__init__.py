@@ -1,5 +1,33 @@
 """Analytic controllers of arms of any number of X-joints."""
 
+from functools import partial
+
+from tensegrity_agents.controllers.base import Makers
+from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.n_x.reach import CarefulOracle, ClosedFormIK, Observer, Oracle, PseudoInverse
 
-__all__ = ["CarefulOracle", "ClosedFormIK", "Observer", "Oracle", "PseudoInverse"]
+__all__ = ["BASELINES", "DYNAMIC", "TEACHERS", "CarefulOracle", "ClosedFormIK", "Observer", "Oracle", "PseudoInverse"]
+
+# By the name of the environment's arm, then by their own, the strongest last: how to make each for a core.
+BASELINES: Makers = {
+    "NXReach": {
+        "closed_form_ik": ClosedFormIK,
+        "pseudo_inverse": PseudoInverse,
+        "observer": Observer,
+        "oracle": Oracle,
+    },
+}
+
+# The same of the dynamic environments: quasi-static controllers, led along ramps, shaped or damped.
+DYNAMIC: Makers = {
+    "NXReach": {
+        "closed_form_ramp": partial(Ramp, base=ClosedFormIK),
+        "pseudo_inverse": partial(Feedback, base=PseudoInverse, slowed=0.1),
+        "oracle": partial(Ramp, base=Oracle),
+    },
+}
+
+# Those that only teach agents (sb3.teacher_student), beside the baselines.
+TEACHERS: Makers = {
+    "NXReach": {"careful_oracle": CarefulOracle},
+}

@@ -1,7 +1,51 @@
 """Analytic controllers of the planar 4-bar mechanism, and features that its nominal model gives agents."""
 
+from functools import partial
+
+from tensegrity_agents.controllers.base import Makers
+from tensegrity_agents.controllers.planar_four_bar.dynamic import DampedFeedback, PlannedPath
 from tensegrity_agents.controllers.planar_four_bar.features import Features
 from tensegrity_agents.controllers.planar_four_bar.loaded_features import LoadedFeatures
 from tensegrity_agents.controllers.planar_four_bar.reach import ClosedFormIK, Observer, Oracle, PseudoInverse
+from tensegrity_envs.environments import PlanarFourBarReach
 
-__all__ = ["ClosedFormIK", "Features", "LoadedFeatures", "Observer", "Oracle", "PseudoInverse"]
+__all__ = [
+    "BASELINES",
+    "DYNAMIC",
+    "FEATURES",
+    "ClosedFormIK",
+    "Features",
+    "LoadedFeatures",
+    "Observer",
+    "Oracle",
+    "PseudoInverse",
+]
+
+# By the name of the environment's arm, then by their own, the strongest last: how to make each for a core.
+BASELINES: Makers = {
+    "PlanarFourBarReach": {
+        "closed_form_ik": ClosedFormIK,
+        "pseudo_inverse": PseudoInverse,
+        "observer": Observer,
+        "oracle": Oracle,
+    },
+}
+
+# The same of the dynamic environments: quasi-static controllers, led along ramps, shaped or damped.
+DYNAMIC: Makers = {
+    "PlanarFourBarReach": {
+        "closed_form_ik": partial(PlannedPath, base=ClosedFormIK, pace="full", damped=False),
+        "closed_form_shaped": partial(PlannedPath, base=ClosedFormIK, pace="shaped", damped=False),
+        "closed_form_damped": partial(PlannedPath, base=ClosedFormIK, pace="full"),
+        "closed_form_ramp": partial(PlannedPath, base=ClosedFormIK),
+        "pseudo_inverse": partial(DampedFeedback, base=PseudoInverse),
+    },
+}
+
+
+def _features(core: PlanarFourBarReach) -> Features:
+    return LoadedFeatures(core) if any(core.sampler.load_range) else Features(core)
+
+
+# By the name of the environment's arm: makes, for a core, what has `size` and computes so many features.
+FEATURES = {"PlanarFourBarReach": _features}

@@ -1,5 +1,30 @@
 """Analytic controllers of the spatial prism."""
 
+from functools import partial
+
+from tensegrity_agents.controllers.base import Makers
+from tensegrity_agents.controllers.spatial_prism.dynamic import CurveTracking, TrackingFeedback
 from tensegrity_agents.controllers.spatial_prism.track import ClosedFormIK, Observer, Oracle, PseudoInverse
 
-__all__ = ["ClosedFormIK", "Observer", "Oracle", "PseudoInverse"]
+__all__ = ["BASELINES", "DYNAMIC", "ClosedFormIK", "Observer", "Oracle", "PseudoInverse"]
+
+# By the name of the environment's arm, then by their own, the strongest last: how to make each for a core.
+BASELINES: Makers = {
+    "SpatialPrismTrack": {
+        "closed_form_ik": ClosedFormIK,
+        "pseudo_inverse": PseudoInverse,
+        "observer": Observer,
+        "oracle": Oracle,
+    },
+}
+
+# The same of the dynamic environments: quasi-static controllers, led along ramps, shaped or damped.
+DYNAMIC: Makers = {
+    "SpatialPrismTrack": {
+        "closed_form_ik": partial(CurveTracking, base=ClosedFormIK, damped=False),
+        "closed_form_shaped": partial(CurveTracking, base=ClosedFormIK, pace="shaped", damped=False),
+        "closed_form_damped": partial(CurveTracking, base=ClosedFormIK),
+        "pseudo_inverse": partial(TrackingFeedback, base=PseudoInverse),
+        "oracle": partial(CurveTracking, base=Oracle),
+    },
+}

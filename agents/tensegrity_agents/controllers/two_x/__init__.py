@@ -1,6 +1,63 @@
 """Analytic controllers of the 2-X manipulator."""
 
+from functools import partial
+
+from tensegrity_agents.controllers.base import Makers
+from tensegrity_agents.controllers.dynamic import Feedback, Ramp
+from tensegrity_agents.controllers.regulated import Regulated, Shaped
+from tensegrity_agents.controllers.two_x import posture
 from tensegrity_agents.controllers.two_x.reach import CarefulOracle, ClosedFormIK, Observer, Oracle, PseudoInverse
 from tensegrity_agents.controllers.two_x.servo import IdentifyingObserver, Servo
 
-__all__ = ["CarefulOracle", "ClosedFormIK", "IdentifyingObserver", "Observer", "Oracle", "PseudoInverse", "Servo"]
+__all__ = [
+    "BASELINES",
+    "DYNAMIC",
+    "TEACHERS",
+    "CarefulOracle",
+    "ClosedFormIK",
+    "IdentifyingObserver",
+    "Observer",
+    "Oracle",
+    "PseudoInverse",
+    "Servo",
+]
+
+# By the name of the environment's arm, then by their own, the strongest last: how to make each for a core.
+BASELINES: Makers = {
+    "TwoXReach": {
+        "closed_form_ik": ClosedFormIK,
+        "pseudo_inverse": PseudoInverse,
+        "observer": Observer,
+        "servo": Servo,
+        "identifying_observer": IdentifyingObserver,
+        "oracle": Oracle,
+    },
+    "TwoXPostureChange": {
+        "pseudo_inverse": posture.PseudoInverse,
+        "straight_path": posture.StraightPath,
+        "planner": posture.Planner,
+    },
+}
+
+# The same of the dynamic environments: quasi-static controllers, led along ramps, shaped or damped.
+DYNAMIC: Makers = {
+    "TwoXReach": {
+        "closed_form_ramp": partial(Ramp, base=ClosedFormIK),
+        "pseudo_inverse": partial(Feedback, base=PseudoInverse, slowed=0.1),
+        "oracle": partial(Ramp, base=Oracle),
+    },
+}
+
+# Fast tasks: the same, at full speed, too; ramps that wait for rest would be too late there.
+DYNAMIC["TwoXFastReach"] = {
+    "closed_form_ramp": partial(Ramp, base=ClosedFormIK),
+    "pseudo_inverse": partial(Feedback, base=PseudoInverse, slowed=0.1),
+    "closed_form_shaped": partial(Shaped, base=ClosedFormIK),
+    "lqr": partial(Regulated, base=Observer, shaper=None, softness=10.0),
+    "oracle": partial(Regulated, base=Oracle, shaper=None, softness=10.0),
+}
+
+# Those that only teach agents (sb3.teacher_student), beside the baselines.
+TEACHERS: Makers = {
+    "TwoXReach": {"careful_oracle": CarefulOracle},
+}
