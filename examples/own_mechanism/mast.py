@@ -19,7 +19,7 @@ from tensegrity_envs.compiler.namespace import Component, Components, as_compone
 from tensegrity_envs.mechanics.checks import check_finite
 from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers
 from tensegrity_envs.mechanics.eigenvalues import smallest_eigenvalue
-from tensegrity_envs.mechanics.equilibrium import Equilibrium, find_all, settle
+from tensegrity_envs.mechanics.equilibrium import Equilibrium, find_all, relax
 
 NO_LOAD = (0.0, 0.0)
 Matrix = tuple[Components, Components]
@@ -211,11 +211,11 @@ class Mast:
     def equilibrium(
         self, tensions: Sequence[Component], start: Sequence[Component], load: Sequence[Component] = NO_LOAD
     ) -> Equilibrium:
-        """The equilibrium that the mast reaches from `start` under these tensions; see `settle`."""
+        """The equilibrium that the mast reaches from `start` under these tensions; see `relax`."""
         for name, values in (("tensions", tensions), ("start", start), ("load", load)):
             check_finite(name, values, 2)
         parameters = (self.design, as_components(tensions), as_components(load))
-        return settle(_statics, start, parameters, self.design.joint_limit)
+        return relax(_statics, start, parameters, self.design.joint_limit)
 
     def equilibria(self, tensions: Sequence[float], load: Sequence[float] = NO_LOAD) -> list[Equilibrium]:
         """All equilibria within the joint limits, stable or not."""

@@ -1,4 +1,4 @@
-"""Equilibria of any mechanism: following one by continuation, settling into one, finding all of them.
+"""Equilibria of any mechanism: following one by continuation, relaxing into one, finding all of them.
 
 A mechanism appears here only as `statics`: configuration -> (gradient, Hessian) of its potential energy, both as
 components (a tuple, and a tuple of rows). Nothing else about it is known.
@@ -97,6 +97,9 @@ def follow(path: PathStatics, q: Components, resolution: float = _RESOLUTION) ->
     Returns:
         The coordinates, and the fraction of the path that was covered: 1, or less (by a few times the resolution at
         most) than where stability ended.
+
+    Raises:
+        TypeError: the caller is not traced.
     """
     graphs = [component.graph for component in q if is_symbol(component)]
     if not graphs:
@@ -107,7 +110,7 @@ def follow(path: PathStatics, q: Components, resolution: float = _RESOLUTION) ->
     return inner.finish(step, pivot, volume, q, resolution)
 
 
-def _let_go(statics: ParametricStatics, start: Components, parameters: Any) -> tuple[Components, Component]:
+def _released(statics: ParametricStatics, start: Components, parameters: Any) -> tuple[Components, Component]:
     """Where an arm held at `start` comes to when the holding force is taken away, and how much of it could be."""
     held, _ = statics(start, parameters)
 
@@ -118,8 +121,8 @@ def _let_go(statics: ParametricStatics, start: Components, parameters: Any) -> t
     return follow(released, start)
 
 
-def settle(statics: ParametricStatics, start: Sequence[Component], parameters: Any, limit: float) -> Equilibrium:
-    """The equilibrium that a mechanism at rest in `start` reaches when it is let go.
+def relax(statics: ParametricStatics, start: Sequence[Component], parameters: Any, limit: float) -> Equilibrium:
+    """The equilibrium that a mechanism at rest in `start` reaches when it relaxes: what held it is taken away.
 
     First by continuation: the force that would hold `start` is taken away gradually, and the equilibrium followed.
     Where that path loses stability, by damped Newton steps down the energy, which the reason then says. A start that
@@ -134,7 +137,7 @@ def settle(statics: ParametricStatics, start: Sequence[Component], parameters: A
         limit: |component| is at most this.
     """
     if any(True for _ in tree_leaves((tuple(start), parameters), is_tensor)):
-        return _settle_tensors(statics, tuple(start), parameters, limit)
+        return _relax_tensors(statics, tuple(start), parameters, limit)
     start = tuple(qi if isinstance(qi, np.ndarray) else float(qi) for qi in start)
     arrays = list(tree_leaves((start, parameters), is_array))
     single = not arrays
@@ -145,7 +148,7 @@ def settle(statics: ParametricStatics, start: Sequence[Component], parameters: A
         return statics(q, parameters)
 
     held, stiffness = _as_arrays(everywhere, q0)
-    followed, fraction = evaluate(_let_go, statics, tuple(q0), parameters)
+    followed, fraction = evaluate(_released, statics, tuple(q0), parameters)
     q = np.stack(followed)
     lost = fraction < 1
     if lost.any():
@@ -168,13 +171,13 @@ def settle(statics: ParametricStatics, start: Sequence[Component], parameters: A
     return Equilibrium(tuple(q), residual, stable, reasons)
 
 
-def _settle_tensors(statics: ParametricStatics, start: Components, parameters: Any, limit: float) -> Equilibrium:
-    """`settle` on numbers, then one step of Newton's method on tensors.
+def _relax_tensors(statics: ParametricStatics, start: Components, parameters: Any, limit: float) -> Equilibrium:
+    """`relax` on numbers, then one step of Newton's method on tensors.
 
     The step is zero but for rounding, and its derivative -H^-1 dg/dp is that of the equilibrium.
     """
     begin, given = tree_map(detached, (start, parameters), is_tensor)
-    found = settle(statics, begin, given, limit)
+    found = relax(statics, begin, given, limit)
     like = next(tree_leaves((start, parameters), is_tensor))
     q = tuple(like.new_tensor(np.asarray(angle)) for angle in found.configuration)
     gradient, hessian = statics(q, parameters)

@@ -27,7 +27,11 @@ class InverseSolution(NamedTuple):
 
 
 def inverse_kinematics(arm: DualTriangleKinematics, x: float, y: float, *first: float) -> list[InverseSolution]:
-    """The solutions and their order: see `DualTriangle.inverse_kinematics`."""
+    """The solutions and their order: see `DualTriangle.inverse_kinematics`.
+
+    Raises:
+        ValueError: a number is not finite, the arm has one segment, or it is a batch of designs.
+    """
     check_single(arm._probe, "inverse_kinematics")
     check_finite("target", (x, y), 2)
     if arm.segments < 2:

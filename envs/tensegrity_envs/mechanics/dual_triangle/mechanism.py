@@ -59,7 +59,7 @@ class DualTriangle(DualTriangleStatics):
     def equilibrium(
         self, free_lengths: Sequence[Component], start: Sequence[Component], load: Sequence[Component] = _NO_LOAD
     ) -> _equilibrium.Equilibrium:
-        """The equilibrium that the arm reaches from rest at `start`, see `equilibrium.settle`.
+        """The equilibrium that the arm reaches from rest at `start`, see `equilibrium.relax`.
 
         Args:
             free_lengths: 2 n of them [m], each a float or an array of shape (m,).
@@ -77,7 +77,7 @@ class DualTriangle(DualTriangleStatics):
         check_finite("load", load, 2)
 
         parameters = (self.design, self.segments, as_components(free_lengths), as_components(load))
-        return _equilibrium.settle(_statics, start, parameters, self.design.joint_limit)
+        return _equilibrium.relax(_statics, start, parameters, self.design.joint_limit)
 
     def equilibria(
         self, free_lengths: Sequence[float], load: Sequence[float] = _NO_LOAD

@@ -147,7 +147,7 @@ class NX(CableArm):
         return inside
 
     def torque_zonotope(self, q: Sequence[float]) -> wrenches.Zonotope:
-        """The joint torques that tensions within their bounds give at q, exactly."""
+        """The joint torques [N m] that tensions within their bounds give at q, exactly. Raises ValueError for a batch."""
         check_single(self._probe, "torque_zonotope")
         check_finite("q", q, self.degrees_of_freedom)
         low, high = float(self.design.min_tension), float(self.design.max_tension)
@@ -225,7 +225,7 @@ class NX(CableArm):
     def equilibrium(
         self, tensions: Sequence[Component], start: Sequence[Component], load: Sequence[Component] = NO_LOAD
     ) -> _equilibrium.Equilibrium:
-        """The equilibrium that the arm reaches from `start` under these tensions, see `equilibrium.settle`.
+        """The equilibrium that the arm reaches from `start` under these tensions, see `equilibrium.relax`.
 
         Args:
             tensions: one for each cable [N], each a float or an array of shape (m,).
@@ -242,7 +242,7 @@ class NX(CableArm):
         check_finite("start", start, self.degrees_of_freedom)
         check_finite("load", load, 2)
         inputs, forces = as_components(tensions), as_components(load)
-        return _equilibrium.settle(_statics, start, (self.design, inputs, forces), self.design.joint_limit)
+        return _equilibrium.relax(_statics, start, (self.design, inputs, forces), self.design.joint_limit)
 
     def equilibria(self, tensions: Sequence[float], load: Sequence[float] = NO_LOAD) -> list[_equilibrium.Equilibrium]:
         """All equilibria within the joint limits (flat poses excluded), stable and unstable, sorted by configuration.

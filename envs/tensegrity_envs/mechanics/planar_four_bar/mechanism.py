@@ -55,7 +55,7 @@ class PlanarFourBar(FourBarStatics):
     def equilibrium(
         self, lengths: Sequence[Component], start: Sequence[Component], load: Sequence[Component] = NO_LOAD
     ) -> _equilibrium.Equilibrium:
-        """The equilibrium that the mechanism reaches from rest at `start`, see `equilibrium.settle`.
+        """The equilibrium that the mechanism reaches from rest at `start`, see `equilibrium.relax`.
 
         Args:
             lengths: (rho1, rho2) [m], each a float or an array of shape (m,).
@@ -67,7 +67,7 @@ class PlanarFourBar(FourBarStatics):
         """
         self.check_lengths(lengths)
         parameters = (self.design, as_components(lengths), as_components(load))
-        return _equilibrium.settle(_statics, start, parameters, 4 * math.pi)
+        return _equilibrium.relax(_statics, start, parameters, 4 * math.pi)
 
     def rectangle_jacobian(
         self, lengths: Sequence[Component], side: Component

@@ -62,7 +62,11 @@ class InverseSolution(NamedTuple):
 def solve(
     arm: TwoXKinematics, x: np.ndarray, y: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """Candidates, polished and verified: index of the target, configuration and residual of every solution."""
+    """Candidates, polished and verified: index of the target, configuration [rad] and residual [m] of every solution.
+
+    Raises:
+        ValueError: a number is not finite, or bar lengths differ within a batch of designs.
+    """
     if any(isinstance(value, np.ndarray) for value in (arm.design.a, arm.design.b, arm.design.l)):
         raise ValueError("inverse kinematics takes one set of bar lengths, not a batch of them")
     check_finite("target", (x, y), 2)

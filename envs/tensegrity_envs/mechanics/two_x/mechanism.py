@@ -48,7 +48,7 @@ class TwoX(TwoXStatics, TipStiffness):
     def equilibrium(
         self, tensions: Sequence[Component], start: Sequence[Component], load: Sequence[Component] = _NO_LOAD
     ) -> _equilibrium.Equilibrium:
-        """The equilibrium that the arm reaches from `start` under these tensions, see `equilibrium.settle`.
+        """The equilibrium that the arm reaches from `start` under these tensions, see `equilibrium.relax`.
 
         Args:
             tensions: (left 1, right 1, left 2, right 2) [N], each a float or an array of shape (n,).
@@ -66,7 +66,7 @@ class TwoX(TwoXStatics, TipStiffness):
         check_finite("load", load, 2)
 
         inputs, forces = as_components(tensions), as_components(load)
-        return _equilibrium.settle(_statics, start, (self.design, inputs, forces), self.design.joint_limit)
+        return _equilibrium.relax(_statics, start, (self.design, inputs, forces), self.design.joint_limit)
 
     def equilibria(self, tensions: Sequence[float], load: Sequence[float] = _NO_LOAD) -> list[_equilibrium.Equilibrium]:
         """All equilibria within the joint limits (flat poses excluded), stable and unstable, sorted by configuration.
