@@ -147,7 +147,7 @@ class NX(CableArm):
         return inside
 
     def torque_zonotope(self, q: Sequence[float]) -> wrenches.Zonotope:
-        """The joint torques [N m] that tensions within their bounds give at q, exactly. Raises ValueError for a batch."""
+        """The joint torques [N m] that tensions within bounds give at q, exactly. Raises ValueError for a batch."""
         check_single(self._probe, "torque_zonotope")
         check_finite("q", q, self.degrees_of_freedom)
         low, high = float(self.design.min_tension), float(self.design.max_tension)
