@@ -1,0 +1,167 @@
+"""Signed clearance of planar arms from discs, convex polygons and walls: exact between segments. Derived here.
+
+The clearance of two convex bodies is their distance where they are apart, and minus the shortest displacement that
+parts them where they overlap. Bodies are segments of no width; a disc has a radius, a polygon at least three corners.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Point = tuple[Any, Any]
+Segment = tuple[Point, Point]
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A disc.
+
+    Attributes:
+        centre: (x, y) [m].
+        radius: [m].
+    """
+
+    centre: tuple[float, float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            ValueError: a number is not finite, or the radius is not positive.
+        """
+        if len(self.centre) != 2 or not np.isfinite([*self.centre, self.radius]).all() or self.radius <= 0:
+            raise ValueError(f"{self!r}: must have a centre (x, y) of finite numbers and a positive radius")
+
+    def clearance(self, segment: Segment) -> np.ndarray:
+        """Of a segment, or of many of them whose coordinates are arrays [m]."""
+        return point_distance(self.centre, segment) - self.radius
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """A convex polygon.
+
+    Attributes:
+        corners: (x, y) [m], counter-clockwise.
+    """
+
+    corners: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            ValueError: there are fewer than three corners, or they are not those of a convex polygon in this order.
+        """
+        points = np.array(self.corners, float)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3 or not np.isfinite(points).all():
+            raise ValueError(f"{self!r}: must have three corners (x, y) or more, of finite numbers")
+        edges = np.roll(points, -1, axis=0) - points
+        after = np.roll(edges, -1, axis=0)
+        turns = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
+        angles = np.arctan2(turns, (edges * after).sum(axis=1))
+        if not (turns > 0).all() or abs(angles.sum() - 2 * np.pi) > 1e-6:
+            raise ValueError(f"{self!r}: corners must be those of a convex polygon, counter-clockwise")
+
+    def clearance(self, segment: Segment) -> np.ndarray:
+        """Of a segment, or of many of them whose coordinates are arrays [m].
+
+        Where they overlap, the shortest displacement is along a normal of an edge or of the segment (the normals of
+        the edges of the Minkowski difference).
+        """
+        edges = list(zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True))
+        apart = np.minimum.reduce([segment_distance(edge, segment) for edge in edges])
+        (ax, ay), (bx, by) = segment
+        normals: list[Point] = [(q[1] - p[1], p[0] - q[0]) for p, q in edges]
+        across = (by - ay, ax - bx)
+        normals += [across, (-across[0], -across[1])]
+        gaps = []
+        for nx, ny in normals:
+            size = np.hypot(nx, ny)
+            extent = np.maximum.reduce([np.asarray(nx * x + ny * y) for x, y in self.corners])
+            gap = np.minimum(nx * ax + ny * ay, nx * bx + ny * by) - extent
+            gaps.append(np.where(size > 0, gap / np.where(size > 0, size, 1.0), -np.inf))
+        gap = np.maximum.reduce(gaps)
+        return np.where(gap < 0, gap, apart)
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A half-plane that the arm must not enter.
+
+    Attributes:
+        point: (x, y) on the wall [m].
+        normal: (x, y) of any length but zero, out of the wall.
+    """
+
+    point: tuple[float, float]
+    normal: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            ValueError: a number is not finite, or the normal is zero.
+        """
+        numbers = (*self.point, *self.normal)
+        if len(numbers) != 4 or not np.isfinite(numbers).all() or not any(self.normal):
+            raise ValueError(f"{self!r}: point and normal must be (x, y) of finite numbers, the normal not zero")
+
+    def clearance(self, segment: Segment) -> np.ndarray:
+        """Of a segment, or of many of them whose coordinates are arrays [m]."""
+        size = np.hypot(*self.normal)
+        nx, ny = self.normal[0] / size, self.normal[1] / size
+        ends = [nx * (x - self.point[0]) + ny * (y - self.point[1]) for x, y in segment]
+        return np.minimum(*ends)
+
+
+Obstacle = Disc | Polygon | Wall
+
+
+def point_distance(point: Point, segment: Segment) -> np.ndarray:
+    """Distance of a point from a segment [m]."""
+    (ax, ay), (bx, by) = segment
+    dx, dy, px, py = bx - ax, by - ay, point[0] - ax, point[1] - ay
+    square = np.asarray(dx * dx + dy * dy)
+    share = np.clip((px * dx + py * dy) / np.where(square > 0, square, 1.0), 0.0, 1.0)
+    return np.hypot(px - share * dx, py - share * dy)
+
+
+def segment_distance(first: Segment, second: Segment) -> np.ndarray:
+    """Distance of two segments [m]; 0 where they cross."""
+    (a, b), (c, d) = first, second
+    ends = [point_distance(a, second), point_distance(b, second), point_distance(c, first), point_distance(d, first)]
+    sides = [_side(a, b, c) * _side(a, b, d), _side(c, d, a) * _side(c, d, b)]
+    return np.where((sides[0] < 0) & (sides[1] < 0), 0.0, np.minimum.reduce(ends))
+
+
+def _side(a: Point, b: Point, point: Point) -> np.ndarray:
+    """On which side of the line from a to b a point is: the sign of twice the triangle's area."""
+    return np.asarray((b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0]))
+
+
+def bars_of(mechanism: Any, q: Sequence[Any], inputs: Any = None) -> dict[str, Segment]:
+    """The bars of a planar mechanism in a configuration, by name: those of its members that keep their length."""
+    nodes = mechanism.nodes(q) if inputs is None else mechanism.nodes(q, inputs)
+    return {m.name: (nodes[m.nodes[0]], nodes[m.nodes[1]]) for m in mechanism.members if m.kind == "bar"}
+
+
+def clearance(mechanism: Any, q: Sequence[Any], obstacles: Sequence[Obstacle], inputs: Any = None) -> np.ndarray:
+    """The least signed clearance of any bar from any obstacle [m], of the shape of q's components.
+
+    Args:
+        mechanism: planar, with `nodes` and `members`.
+        q: configuration, components of floats or arrays.
+        obstacles: at least one.
+        inputs: where `nodes` needs them.
+
+    Raises:
+        ValueError: there are no obstacles.
+    """
+    if not obstacles:
+        raise ValueError("obstacles: must be one or more")
+    bars = bars_of(mechanism, q, inputs).values()
+    return np.minimum.reduce([np.asarray(obstacle.clearance(bar)) for obstacle in obstacles for bar in bars])
