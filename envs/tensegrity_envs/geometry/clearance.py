@@ -85,7 +85,7 @@ class Polygon:
             gap = np.minimum(nx * ax + ny * ay, nx * bx + ny * by) - extent
             gaps.append(np.where(size > 0, gap / np.where(size > 0, size, 1.0), -np.inf))
         gap = np.maximum.reduce(gaps)
-        return np.where(gap < 0, gap, apart)
+        return np.asarray(np.where(gap < 0, gap, apart))
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Wall:
         size = np.hypot(*self.normal)
         nx, ny = self.normal[0] / size, self.normal[1] / size
         ends = [nx * (x - self.point[0]) + ny * (y - self.point[1]) for x, y in segment]
-        return np.minimum(*ends)
+        return np.asarray(np.minimum(*ends))
 
 
 Obstacle = Disc | Polygon | Wall
@@ -127,7 +127,7 @@ def point_distance(point: Point, segment: Segment) -> np.ndarray:
     dx, dy, px, py = bx - ax, by - ay, point[0] - ax, point[1] - ay
     square = np.asarray(dx * dx + dy * dy)
     share = np.clip((px * dx + py * dy) / np.where(square > 0, square, 1.0), 0.0, 1.0)
-    return np.hypot(px - share * dx, py - share * dy)
+    return np.asarray(np.hypot(px - share * dx, py - share * dy))
 
 
 def segment_distance(first: Segment, second: Segment) -> np.ndarray:
@@ -135,7 +135,7 @@ def segment_distance(first: Segment, second: Segment) -> np.ndarray:
     (a, b), (c, d) = first, second
     ends = [point_distance(a, second), point_distance(b, second), point_distance(c, first), point_distance(d, first)]
     sides = [_side(a, b, c) * _side(a, b, d), _side(c, d, a) * _side(c, d, b)]
-    return np.where((sides[0] < 0) & (sides[1] < 0), 0.0, np.minimum.reduce(ends))
+    return np.asarray(np.where((sides[0] < 0) & (sides[1] < 0), 0.0, np.minimum.reduce(ends)))
 
 
 def _side(a: Point, b: Point, point: Point) -> np.ndarray:
@@ -164,4 +164,6 @@ def clearance(mechanism: Any, q: Sequence[Any], obstacles: Sequence[Obstacle], i
     if not obstacles:
         raise ValueError("obstacles: must be one or more")
     bars = bars_of(mechanism, q, inputs).values()
-    return np.minimum.reduce([np.asarray(obstacle.clearance(bar)) for obstacle in obstacles for bar in bars])
+    return np.asarray(
+        np.minimum.reduce([np.asarray(obstacle.clearance(bar)) for obstacle in obstacles for bar in bars])
+    )
