@@ -1,13 +1,13 @@
 # make compare [ENV=TwoXReach-v0]   the main job: train, compare, report          make test    the tests; make test-all   more of them
 # make check                        ruff, formatting, mypy                        make bench   speeds, as ratios
 # make analyze                      the papers' figures, regions, numbers            make film    the film in README
-# make benchmark   all agents of all ids, 5 seeds each, resumable: most of a day
+# make benchmark   all agents of all ids, 5 seeds each, resumable: most of a day; make who-wins: its matrix
 # make docs                         the site, notebooks run: docs/_build/html/index.html
 ENV ?= TwoXReach-v0
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: compare test test-all check bench benchmark analyze film docs install clean
+.PHONY: compare test test-all check bench benchmark who-wins analyze film docs install clean
 
 compare: .venv/installed
 	$(BIN)/python scripts/compare.py --env $(ENV)
@@ -29,6 +29,10 @@ bench: .venv/installed
 
 benchmark: .venv/installed
 	$(BIN)/python scripts/campaign.py --policies agents/tensegrity_agents/policies
+
+who-wins: .venv/installed
+	$(BIN)/python scripts/matrix.py
+	cp results/matrix/who_wins.png results/matrix/uncertainty.png docs/pictures/
 
 analyze: .venv/installed
 	$(BIN)/python scripts/analyze.py two-x

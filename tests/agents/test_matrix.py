@@ -84,7 +84,7 @@ def test_the_table_names_seeds_verdicts_and_what_is_known():
     assert cells[3] == "2"
     assert cells[8] == "agent"
     assert "p\\_servo" in cells[5]
-    assert "| p\\_servo | the nominal model |" in text
+    assert "| p\\_servo | the nominal model | `MastReach-v0` |" in text
 
 
 def texts(figure):

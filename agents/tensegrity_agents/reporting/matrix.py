@@ -119,13 +119,16 @@ def matrix_to_markdown(records: Mapping[str, Sequence[Record]]) -> str:
         "told more [%] | difference [points] | wins | P(improvement) | steps to target: agents, best |",
         "|---|---:|---:|---:|---|---:|---:|---|---:|---:|",
     ]
-    knowing: dict[str, str] = {}
+    knowing: dict[tuple[str, str], list[str]] = {}
     for env_id, group in records.items():
         cells = cells_of(group)
-        knowing |= {cell.name: cell.knows for cell in cells.values() if cell.knows}
+        for cell in cells.values():
+            if cell.knows:
+                knowing.setdefault((cell.name, cell.knows), []).append(env_id)
         lines.append("| " + " | ".join(_line(env_id, cells)) + " |")
-    lines += ["", "| controller | what it knows |", "|---|---|"]
-    lines += [f"| {_escaped(name)} | {_escaped(knows)} |" for name, knows in knowing.items()]
+    lines += ["", "| controller | what it knows | environments |", "|---|---|---|"]
+    for (name, knows), ids in sorted(knowing.items()):
+        lines.append(f"| {_escaped(name)} | {_escaped(knows)} | {', '.join(_short(env_id) for env_id in ids)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -137,7 +140,7 @@ def _line(env_id: str, cells: Mapping[str, Cell]) -> list[str]:
         chance = probability_of_improvement(agent.flags, best.flags)
         better = f"{chance.point:.3f} [{chance.low:.3f}, {chance.high:.3f}]"
     return [
-        f"`{env_id.rpartition('/')[2]}`",
+        _short(env_id),
         _NONE if agent is None else agent.text,
         _NONE if agent is None else str(len(agent.flags)),
         _NONE if agent is None else percent(agent.worst),
@@ -148,6 +151,10 @@ def _line(env_id: str, cells: Mapping[str, Cell]) -> list[str]:
         better,
         ", ".join(_NONE if cell is None else steps_text(cell.steps) for cell in (agent, best)),
     ]
+
+
+def _short(env_id: str) -> str:
+    return f"`{env_id.rpartition('/')[2]}`"
 
 
 def _escaped(text: str) -> str:
@@ -184,7 +191,7 @@ def matrix_figure(records: Mapping[str, Sequence[Record]]) -> Figure:
     axes.set_xticks(range(len(names)), [name.replace("_", " ") for name in names], rotation=40, ha="right")
     axes.set_yticks(range(len(table)), [env_id.rpartition("/")[2] for env_id in table])
     axes.grid(visible=False)
-    axes.set_xlabel("success [%] on the test episodes; framed: the best without hidden knowledge")
+    axes.set_xlabel("success [%] on the test episodes; framed: the best without hidden knowledge; blank: not there")
     return figure
 
 
