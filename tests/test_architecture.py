@@ -35,6 +35,7 @@ LAYERS = [
     "env",
     "mujoco_env",
     "vector_arguments",
+    "linear",
     "vector_info",
     "vector_rendering",
     "vector_env",

@@ -15,7 +15,7 @@ def write_mjcf(model: Any, path: Path, q: Any, inputs: Any) -> Path:
     spec = model.spec
     # What diverges begins anew, as usual; mujoco-warp knows no files in which it does not.
     spec.option.disableflags = int(spec.option.disableflags) & ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    if model._is_ramped:
+    if model.is_ramped:
         _write_ramped(model, spec, q, inputs)
     else:
         _place(spec, model, _resting(model))

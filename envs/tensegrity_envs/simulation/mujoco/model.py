@@ -118,7 +118,7 @@ class MujocoModel(Simulator):
 
     def command(self, data: Any, inputs: np.ndarray, load: Any) -> None:
         """Put constant inputs, and a load at the tip [N] or None, into an MjData of this model."""
-        data.ctrl[:] = 0.0 if self._is_ramped else inputs
+        data.ctrl[:] = 0.0 if self.is_ramped else inputs
         data.xfrc_applied[self._tip, self._axes] = self._check_load(load)
 
     def _at(self, q: Any, inputs: Any = None, load: Any = None) -> Any:

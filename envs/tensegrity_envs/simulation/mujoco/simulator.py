@@ -61,6 +61,7 @@ class Simulator:
         state_size: numbers in a state.
         input_size: numbers in an input.
         input_bounds: lowest and highest inputs, shape (2, input size); MuJoCo keeps what lies outside at the bound.
+        is_ramped: whether actuators move evenly to their commands within a step, as prismatic ones do.
     """
 
     def __init__(self, mechanism: Any, dynamics: Dynamics | None = None) -> None:
@@ -83,8 +84,8 @@ class Simulator:
         self._tip = self.model.body(TIP_BODY).id
         self.state_size = int(mujoco.mj_stateSize(self.model, int(_FULL)))
         self.input_size = int(self.model.nu)
-        self._is_ramped = bool((self.model.actuator_dyntype == _RAMPED).any())
-        ranges = self.model.actuator_actrange if self._is_ramped else self.model.actuator_ctrlrange
+        self.is_ramped = bool((self.model.actuator_dyntype == _RAMPED).any())
+        ranges = self.model.actuator_actrange if self.is_ramped else self.model.actuator_ctrlrange
         self.input_bounds = ranges.T.copy()
         nq, nv, na = int(self.model.nq), int(self.model.nv), int(self.model.na)
         self._angles, self._rates = slice(1, 1 + nq), slice(1 + nq, 1 + nq + nv)  # after the time
@@ -265,7 +266,7 @@ class Simulator:
 
     def _controls(self, inputs: np.ndarray, states: np.ndarray, steps: int) -> np.ndarray:
         """MuJoCo's controls: the inputs, or the speeds [m/s] at which ramped actuators reach them in so many steps."""
-        if not self._is_ramped:
+        if not self.is_ramped:
             return inputs
         return np.asarray((inputs - states[..., self._actuators]) / (steps * self.dynamics.timestep))
 
@@ -287,11 +288,8 @@ class Simulator:
             load: at the tip [N], shape (2,), in space (3,).
             model: from `variant`; None for this one.
         """
-        model, data = self.model if model is None else model, self._scratch
-        mujoco.mj_resetData(model, data)
-        mujoco.mj_setState(model, data, state, int(_FULL))
-        data.ctrl[:] = self._controls(inputs, state, self.dynamics.frame_skip)
-        data.xfrc_applied[self._tip, self._axes] = load
+        model = self.model if model is None else model
+        data = self.put(state, inputs, load, model)
         with without_log():
             mujoco.mj_step(model, data, nstep=self.dynamics.frame_skip)
         diverged = self._has_diverged(data)
@@ -299,6 +297,15 @@ class Simulator:
         if not diverged:
             mujoco.mj_getState(model, data, after, int(_FULL))
         return RolloutResult(after, np.array(diverged))
+
+    def put(self, state: np.ndarray, inputs: np.ndarray, load: np.ndarray, model: Any = None) -> Any:
+        """MuJoCo's scratch data in a state, with its controls and load, at the beginning of a step; see `advance`."""
+        model, data = self.model if model is None else model, self._scratch
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_setState(model, data, state, int(_FULL))
+        data.ctrl[:] = self._controls(inputs, state, self.dynamics.frame_skip)
+        data.xfrc_applied[self._tip, self._axes] = load
+        return data
 
     # ---------------------------------------------------------------------------------------------- many simulations
 
