@@ -93,3 +93,9 @@ class RestingRamp(Planned[ServoMemory]):
         plan, step, end = memory.plan.copy(), memory.step.copy(), memory.end.copy()
         plan[index], step[index], end[index] = new, 0, self._ends(new)
         return memory._replace(plan=plan, step=step, end=end)
+
+
+class OwnRamp(RestingRamp):
+    """The same, planned once: for one who has nothing to identify."""
+
+    enough = np.inf

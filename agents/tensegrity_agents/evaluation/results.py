@@ -58,8 +58,8 @@ class Run:
 
 
 def kind_of(name: str) -> str:
-    """The kind of a baseline: "oracle", "random" or "baseline"."""
-    return name if name in ("oracle", "random") else "baseline"
+    """The kind of a baseline: "oracle" (who is told what others do not know), "random" or "baseline"."""
+    return "oracle" if name == "informed" else name if name in ("oracle", "random") else "baseline"
 
 
 @dataclass

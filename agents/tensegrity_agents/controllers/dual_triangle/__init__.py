@@ -3,6 +3,7 @@
 from functools import partial
 
 from tensegrity_agents.controllers.base import Makers
+from tensegrity_agents.controllers.dual_triangle.informed import Informed
 from tensegrity_agents.controllers.dual_triangle.push import HoldInputs, PushObserver, PushOracle, PushPseudoInverse
 from tensegrity_agents.controllers.dual_triangle.reach import (
     ClosedFormMax,
@@ -14,7 +15,7 @@ from tensegrity_agents.controllers.dual_triangle.reach import (
 )
 from tensegrity_agents.controllers.dual_triangle.servo import IdentifyingObserver, Servo
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
-from tensegrity_agents.controllers.dynamic_servo import RestingRamp
+from tensegrity_agents.controllers.dynamic_servo import OwnRamp, RestingRamp
 from tensegrity_agents.controllers.regulated import Regulated, Shaped
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "ClosedFormSum",
     "HoldInputs",
     "IdentifyingObserver",
+    "Informed",
     "Observer",
     "Oracle",
     "PseudoInverse",
@@ -72,4 +74,10 @@ DYNAMIC["DualTriangleFastReach"] = {
     "closed_form_shaped": partial(Shaped, base=ClosedFormSquares),
     "lqr": partial(Regulated, base=Observer),
     "oracle": partial(Regulated, base=Oracle),
+}
+
+# Of uncertain ids, by their names.
+INFORMED: Makers = {
+    "DualTriangleLoadedReachUncertain": {"informed": Informed},
+    "DualTriangleLoadedReachUncertainMuJoCo": {"informed": partial(OwnRamp, base=Informed)},
 }

@@ -6,6 +6,7 @@ from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.regulated import Regulated, Shaped
 from tensegrity_agents.controllers.two_x import posture
+from tensegrity_agents.controllers.two_x.informed import Informed
 from tensegrity_agents.controllers.two_x.reach import CarefulOracle, ClosedFormIK, Observer, Oracle, PseudoInverse
 from tensegrity_agents.controllers.two_x.servo import IdentifyingObserver, Servo
 
@@ -16,6 +17,7 @@ __all__ = [
     "CarefulOracle",
     "ClosedFormIK",
     "IdentifyingObserver",
+    "Informed",
     "Observer",
     "Oracle",
     "PseudoInverse",
@@ -61,3 +63,6 @@ DYNAMIC["TwoXFastReach"] = {
 TEACHERS: Makers = {
     "TwoXReach": {"careful_oracle": CarefulOracle},
 }
+
+# Of uncertain ids, by their names.
+INFORMED: Makers = {name: {"informed": Informed} for name in ("TwoXTensionReachUncertain", "TwoXPayloadReachUncertain")}

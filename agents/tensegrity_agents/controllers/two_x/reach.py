@@ -99,7 +99,7 @@ class ReachController(AnalyticController[Memory]):
 
     def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         configuration = self.configuration_of(observed, memory.configuration)
-        return self._move(observed, memory._replace(configuration=configuration))
+        return self.follow(observed, memory._replace(configuration=configuration))
 
     def next_waypoint(self, here: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
         """The waypoints to go to from `here`, both (n, joints) [rad], and the memory where those visited are passed."""
@@ -109,7 +109,7 @@ class ReachController(AnalyticController[Memory]):
                 leg[i] += 1
         return np.stack([path[k] for path, k in zip(memory.path, leg, strict=True)]), memory._replace(leg=leg)
 
-    def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def follow(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         """Actions along the path, and what to remember."""
         here = memory.configuration if self.control == "joint" else memory.commanded
         goal, memory = self.next_waypoint(here, memory)
@@ -145,7 +145,8 @@ class PseudoInverse(ReachController):
     def _paths(self, model: Any, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
         return [point[None] for point in start]  # it follows none
 
-    def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def follow(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """See `ReachController.follow`: joint steps that the tip error asks for."""
         error = observed.target - observed.tip
         # Conditional integration: only close to the target, where the integral is to remove what is left.
         close = np.hypot(*error.T)[:, None] < 0.05
