@@ -218,7 +218,7 @@ class Experiment(_Strict):
         if self.train.model_hints:
             ModelFeatures(self.env, self.options)
             if self.train.algorithm != "ppo" and self.train.off_policy.her:
-                raise ValueError("model_hints: true does not go with her: true, which changes goals but not hints")
+                raise ValueError("model_hints: true does not go with her: true, which changes goals but not features")
         return self
 
     @model_validator(mode="after")

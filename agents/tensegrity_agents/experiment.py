@@ -28,11 +28,11 @@ from tensegrity_envs.seeding import TEST_SEED, VALIDATION_SEED
 
 
 def agent_name(experiment: Experiment) -> str:
-    """Name of the agent in tables, such as "PPO agent", "PPO agent with hints" if the nominal model gives some, "taught
-    PPO agent" if a teacher came first, "taught agent" if it was all there was.
+    """Name of the agent in tables, such as "PPO agent", "PPO agent with model-based features" if the nominal
+    model gives some, "taught PPO agent" if a teacher came first, "taught agent" if it was all there was.
     """
     train = experiment.train
-    name = f"{train.algorithm.upper()} agent{' with hints' if train.model_hints else ''}"
+    name = f"{train.algorithm.upper()} agent{' with model-based features' if train.model_hints else ''}"
     if train.teacher is None:
         return name
     return f"taught {name}" if train.teacher.timesteps < train.total_timesteps else "taught agent"

@@ -132,7 +132,7 @@ def test_errors_of_large_arms_are_in_metres():
 
 def test_figures_of_a_comparison_keep_the_laws():
     """Axes with units, no legend on data, however long the controllers' names are."""
-    runs = [*a_field(5), made_up("PPO agent with hints and more of them", "agent")]
+    runs = [*a_field(5), made_up("PPO agent with model-based features and more of them", "agent")]
     rows = table.summary_rows(runs)
     tips = np.random.default_rng(0).uniform(-0.5, 0.5, (60, 2))
     ends = path_figures.Endings(tips, tips[::-1], tips[::-1] + 0.01, np.arange(60) > 20)

@@ -10,7 +10,7 @@ from tensegrity_envs.compiler.javascript import function
 from tensegrity_envs.compiler.namespace import namespace_of, to_single
 from tensegrity_envs.compiler.pytree import tree_leaves
 from tensegrity_envs.mechanics import MURALIDHARAN2022, TwoX
-from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.equilibrium import continuation
 
 VARIES = np.zeros(1)
 PAGE = "<!DOCTYPE html><html><head><script>{}</script></head><body></body></html>"
@@ -75,6 +75,6 @@ def test_what_cannot_be_written_is_refused():
     with pytest.raises(ValueError, match="name in JavaScript"):
         function("a b", abs, x=VARIES)
     with pytest.raises(ValueError, match="path of equilibria"):
-        function("f", lambda x: follow(lambda q, t: ((q[0] - t * x,), ((1.0,),)), (x,)), x=VARIES)
+        function("f", lambda x: continuation(lambda q, t: ((q[0] - t * x,), ((1.0,),)), (x,)), x=VARIES)
     with pytest.raises(TypeError, match=r"xp\.where"):
         function("f", lambda x: 1.0 if x > 0 else 2.0, x=VARIES)

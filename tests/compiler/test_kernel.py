@@ -15,7 +15,7 @@ from tensegrity_envs.compiler.kernel import Kernel, evaluate
 from tensegrity_envs.compiler.namespace import namespace_of, to_single
 from tensegrity_envs.compiler.pytree import Schema, tree_leaves
 from tensegrity_envs.mechanics import MURALIDHARAN2022, DualTriangle, TwoX
-from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.equilibrium import continuation
 from tensegrity_envs.mechanics.polynomials import real_roots
 
 
@@ -85,7 +85,7 @@ def falling(c):
     def path(q, t):
         return (q[0] ** 2 - (c - t * (c + 1.0)),), ((2 * q[0],),)
 
-    return follow(path, (namespace_of(c).sqrt(namespace_of(c).maximum(c, 0.0)),))
+    return continuation(path, (namespace_of(c).sqrt(namespace_of(c).maximum(c, 0.0)),))
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_branching_on_a_value_and_following_outside_of_a_trace_are_explained():
     with pytest.raises(TypeError, match=r"xp\.where"):
         evaluate(lambda x: 1.0 if x > 0 else 2.0, 0.5)
     with pytest.raises(TypeError, match="evaluate"):
-        follow(lambda q, t: ((q[0],), ((1.0,),)), (0.5,))
+        continuation(lambda q, t: ((q[0],), ((1.0,),)), (0.5,))
 
 
 def test_a_path_of_known_solution_is_followed():
@@ -133,7 +133,7 @@ def test_a_path_of_known_solution_is_followed():
             cosh = 1 + x**2 / 2 + x**2 * x**2 / 24 + x**2 * x**2 * x**2 / 720
             return (sinh - t * a + 0 * xp.sin(x),), ((cosh,),)
 
-        return follow(path, (0.0 * a,))
+        return continuation(path, (0.0 * a,))
 
     (x,), fraction = evaluate(growing, np.array([0.5, 1.0, 1.5]))
     np.testing.assert_allclose(x, np.arcsinh([0.5, 1.0, 1.5]), atol=2e-4)

@@ -13,7 +13,7 @@ from two_x_reference import creep
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.mechanics import MURALIDHARAN2022, TwoX
-from tensegrity_envs.mechanics.equilibrium import find_all, follow, solve_symmetric
+from tensegrity_envs.mechanics.equilibrium import continuation, find_all, solve_symmetric
 
 NO_LOAD = (0.0, 0.0)
 
@@ -154,7 +154,7 @@ def along(design, q, old, new):
     def path(u, t):
         return m.sine_statics(u, tuple(o + t * (n - o) for o, n in zip(old, new, strict=True)))
 
-    u, fraction = follow(path, m.to_sines(q))
+    u, fraction = continuation(path, m.to_sines(q))
     return m.from_sines(u), fraction
 
 
@@ -162,8 +162,8 @@ def test_following_never_jumps():
     """The same end point as a continuation in tiny steps, or stability lost in both, at the same tensions.
 
     Left out of the comparison of the two verdicts (but never of the end points): paths on which the reference meets a
-    smallest eigenvalue below 2e-3 N m/rad (typical are 0.1 to 3) and gets through; there `follow` may report a loss. So
-    are paths that end beyond 2.7 rad: the environments stop at 2.6, and u = sin(alpha/2) at pi.
+    smallest eigenvalue below 2e-3 N m/rad (typical are 0.1 to 3) and gets through; there `continuation` may report a
+    loss. So are paths that end beyond 2.7 rad: the environments stop at 2.6, and u = sin(alpha/2) at pi.
     """
     q, old, new, payloads = tension_changes(175, seed=3)
     m = TwoX(replace(MURALIDHARAN2022, payload=payloads))

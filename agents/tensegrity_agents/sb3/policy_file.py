@@ -101,7 +101,7 @@ def augmentations(description: Mapping[str, Any]) -> list[Augmentation]:
         description: with "env" and "options"; "model_hints" and "history" count.
 
     Raises:
-        ValueError: there are no hints for the environment.
+        ValueError: there are no model-based features for the environment.
     """
     found: list[Augmentation] = []
     space, action_space = _spaces(description["env"], description.get("options"))

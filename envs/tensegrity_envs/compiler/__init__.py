@@ -3,7 +3,7 @@
 **What a component function may do.** It takes and returns components: numbers, in tuples, named tuples, dicts and
 designs (pytrees). It may do arithmetic and comparisons on them, combine conditions by `&`, `|`, `~`, and call the
 functions of their namespace (`xp = namespace_of(x)`: sin, cos, sqrt, atan2, hypot, minimum, maximum, where, isfinite),
-`to_single`, and `mechanics.equilibrium.follow`. It may use Python's control flow on anything but components: on
+`to_single`, and `mechanics.equilibrium.continuation`. It may use Python's control flow on anything but components: on
 integers, on how many there are, on whether something is None. A branch on a component is an error: use `xp.where`,
 both sides of which are computed. Run on floats, arrays or tensors, the same function is an ordinary one.
 
@@ -26,5 +26,5 @@ moves the cache; `compile_all` fills it.
 the operations, `kernel.graph.constants` the data by source.
 
 **How to debug one.** Call the component function itself on floats or NumPy arrays, with a debugger or prints in it;
-only `follow` needs a trace. The continuation runs as plain Python on matrices, with any Python function as its Newton
-step: `continuation.follower(newton, n, lambda function: function)`."""
+only `continuation` needs a trace, and runs as plain Python on matrices, with any Python function as its Newton step:
+`continuation.follower(newton, n, lambda function: function)`."""

@@ -34,7 +34,7 @@ class Kernel:
     """A function on pytrees of components, compiled for batches.
 
     Args:
-        function: traceable: arithmetic and `namespace_of` functions on components, and `follow`.
+        function: traceable: arithmetic and `namespace_of` functions on components, and `continuation`.
         schemas: of its arguments.
 
     Attributes:

@@ -82,7 +82,7 @@ def solve_symmetric(matrix: Hessian, right: Components) -> tuple[Components, Com
     return tuple(x), smallest, product
 
 
-def follow(path: PathStatics, q: Components, resolution: float = _RESOLUTION) -> tuple[Components, Component]:
+def continuation(path: PathStatics, q: Components, resolution: float = _RESOLUTION) -> tuple[Components, Component]:
     """Follow a stable equilibrium along a path of inputs or loads from parameter 0 to 1, never onto another branch.
 
     For traced functions (`compiler.kernel`), which alone may call it: the statics become the code of a Newton
@@ -103,7 +103,7 @@ def follow(path: PathStatics, q: Components, resolution: float = _RESOLUTION) ->
     """
     graphs = [component.graph for component in q if is_symbol(component)]
     if not graphs:
-        raise TypeError("follow is for traced functions: call it inside one that compiler.kernel.evaluate is given")
+        raise TypeError("continuation is for traced functions: call it in one that compiler.kernel.evaluate gets")
     inner = Path(graphs[0], len(q))
     gradient, hessian = path(inner.configuration, inner.parameter)
     step, pivot, volume = solve_symmetric(hessian, gradient)
@@ -118,7 +118,7 @@ def _released(statics: ParametricStatics, start: Components, parameters: Any) ->
         gradient, hessian = statics(q, parameters)
         return tuple(g - (1 - t) * f for g, f in zip(gradient, held, strict=True)), hessian
 
-    return follow(released, start)
+    return continuation(released, start)
 
 
 def relax(statics: ParametricStatics, start: Sequence[Component], parameters: Any, limit: float) -> Equilibrium:

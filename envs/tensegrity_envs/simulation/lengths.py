@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
-from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.equilibrium import continuation
 from tensegrity_envs.mechanics.spatial_prism import SpatialPrism
 from tensegrity_envs.mechanics.spatial_prism.vectors import dot
 from tensegrity_envs.simulation.protocol import (
@@ -145,7 +145,7 @@ class LengthControl:
         def path(w: Components, t: Component) -> Any:
             return mechanism.statics(w, *between(t))
 
-        w, fraction = follow(path, state.configuration[3:], self.resolution)
+        w, fraction = continuation(path, state.configuration[3:], self.resolution)
         lengths, force = between(fraction)
         position = mechanism.locked_pose(w, lengths).position
         reached = self._at(mechanism, (*position, *w), lengths, force, time, True)

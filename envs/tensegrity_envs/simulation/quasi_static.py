@@ -5,7 +5,7 @@ from typing import Any
 
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle
-from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.equilibrium import continuation
 from tensegrity_envs.mechanics.two_x import TwoX
 from tensegrity_envs.simulation.protocol import (
     BUCKLED,
@@ -176,7 +176,7 @@ class InputControl(ABC):
         def path(u: Components, t: Component) -> Any:
             return self.statics(mechanism, u, *between(t))
 
-        u, fraction = follow(path, self.to_coordinates(mechanism, state.configuration), self.resolution)
+        u, fraction = continuation(path, self.to_coordinates(mechanism, state.configuration), self.resolution)
         q = self.from_coordinates(mechanism, u)
         reached = self.at_rest(mechanism, q, *between(fraction), time)
         outside = self._outside(mechanism, q)

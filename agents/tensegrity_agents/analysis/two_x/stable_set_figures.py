@@ -113,10 +113,9 @@ def stable_sets(mechanism: TwoX, cloud: Cloud, joint_space: Traced, workspace: I
     left.scatter(*cloud.points[fold].T, s=7, color=SINGULAR, linewidths=0, zorder=5)
     right.scatter(*cloud.tips[fold].T, s=7, color=SINGULAR, linewidths=0, zorder=5)
     workspace_axes(right, workspace.reachable.bounds)
-    pieces = len(joint_space.components)
-    left.set_title(
-        f"SWFJ: {100 * joint_space.fraction:.3f}% of the square, in {pieces} piece{'s' if pieces > 1 else ''}"
-    )
+    count = len(joint_space.components)
+    components = f"{count} connected component{'s' if count > 1 else ''}"
+    left.set_title(f"SWFJ: {100 * joint_space.fraction:.3f}% of the square, in {components}")
     right.set_title(f"SWFW: {workspace.area():.5g} m², overlap {workspace.overlap:.5g} m²")
     handles = [
         Line2D([], [], marker="o", markersize=3, color=POSITIVE, linewidth=1, label="det J > 0"),

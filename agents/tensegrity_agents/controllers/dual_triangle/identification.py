@@ -15,11 +15,11 @@ from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, self_motions
-from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.equilibrium import continuation
 
 _SAMPLES = 512  # of the self-motion curve or curves of one tip
 _BISECTIONS = 30
-_RESOLUTION = 1 / 512  # of `follow`, as in the simulation
+_RESOLUTION = 1 / 512  # of `continuation`, as in the simulation
 
 
 class Estimate(NamedTuple):
@@ -116,7 +116,7 @@ def _advanced(
     def path(u: Components, t: Component) -> Any:
         return arm.statics(u, arm.free_lengths(tuple(o + t * (n - o) for o, n in zip(old, new, strict=True))), load)
 
-    end, fraction = follow(path, q, _RESOLUTION)
+    end, fraction = continuation(path, q, _RESOLUTION)
     return end, fraction, arm.tip(end)
 
 

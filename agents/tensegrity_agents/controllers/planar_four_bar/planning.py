@@ -11,14 +11,14 @@ import numpy as np
 
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
-from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.equilibrium import continuation
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.mechanics.planar_four_bar.inverse import loaded, rectangles
 from tensegrity_envs.simulation.actuator_lengths import LEAST_STIFFNESS
 
 LEGS = 3
 _SAMPLES = np.linspace(0.0, 1.0, 25)
-_RESOLUTION = 1 / 512  # of `follow`, as in the simulation
+_RESOLUTION = 1 / 512  # of `continuation`, as in the simulation
 _ROUNDING = 1e-4  # of targets, which are in single precision, makes so much of a length [m]
 _ENOUGH = 0.1  # stability margin beyond which only the length counts
 _HURRY = 40.0  # steps that a path may be longer for having this margin instead of none
@@ -47,7 +47,7 @@ def _trip(
         def leg(u: Components, t: Component, old: Components = old, new: Components = new) -> Any:
             return mechanism.statics(u, tuple(o + t * (n - o) for o, n in zip(old, new, strict=True)), load)
 
-        q, fraction = follow(leg, q, _RESOLUTION)
+        q, fraction = continuation(leg, q, _RESOLUTION)
         covered = covered + fraction
         xp = namespace_of(covered)
         margin = xp.minimum(mechanism.stability_margin(q, new, load), mechanism.wrench_margin(q, new, load))

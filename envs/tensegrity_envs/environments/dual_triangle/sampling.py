@@ -8,7 +8,7 @@ from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
-from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.equilibrium import continuation
 from tensegrity_envs.seeding import EpisodeStream, until_found
 from tensegrity_envs.simulation.quasi_static import DeltaControl
 
@@ -169,7 +169,7 @@ def _walk(
     def put_on(q: Components, t: Component) -> Any:
         return arm.statics(q, arm.free_lengths(inputs), tuple(t * force for force in load))
 
-    start, fraction = follow(put_on, posture)
+    start, fraction = continuation(put_on, posture)
     good = fine(start, inputs, fraction)
     xp = arm._xp(*posture)
     here, delta, left, moved = start, inputs, length, 0.0
@@ -181,7 +181,7 @@ def _walk(
         def leg(q: Components, t: Component, old: Components = delta, new: Components = new) -> Any:
             return arm.statics(q, arm.free_lengths(tuple(o + t * (n - o) for o, n in zip(old, new, strict=True))), load)
 
-        end, fraction = follow(leg, here)
+        end, fraction = continuation(leg, here)
         taken = fine(end, new, fraction)
         here = tuple(xp.where(taken, e, h) for e, h in zip(end, here, strict=True))
         delta = tuple(xp.where(taken, n, d) for n, d in zip(new, delta, strict=True))

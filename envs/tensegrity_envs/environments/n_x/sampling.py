@@ -17,8 +17,8 @@ _PROBES = 4096  # configurations by which a set of more joints is found to be em
 class NXSampler(Sampler):
     """As `Sampler`; of more than three joints, the straight joint path from the start to the target is in the set.
 
-    A grid of four or more angles would be too coarse to tell connected pieces apart. There the path itself, with 64
-    looks along it, shows that the target can be reached; the other targets of the piece are not drawn.
+    A grid of four or more angles would be too coarse to tell connected components apart. There the path itself, with 64
+    looks along it, shows that the target can be reached; the other targets of the component are not drawn.
     """
 
     arm: ClassVar[type[Any]] = NX
@@ -35,9 +35,9 @@ class NXSampler(Sampler):
         probes = tuple(np.random.default_rng(0).uniform(-limit, limit, (self.joints, _PROBES)))
         return np.stack([self._inside_under(np.full(_PROBES, level), probes) for level in self._levels])
 
-    def _piece(self, payload: np.ndarray, q: Components) -> np.ndarray:
+    def _component(self, payload: np.ndarray, q: Components) -> np.ndarray:
         if self.joints in _NODES:
-            return super()._piece(payload, q)
+            return super()._component(payload, q)
         return self._inside_under(payload, q).astype(int)
 
     def _inside_under(self, payload: np.ndarray, q: Components) -> np.ndarray:

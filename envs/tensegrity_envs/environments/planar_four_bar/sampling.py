@@ -7,7 +7,7 @@ import numpy as np
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 from tensegrity_envs.mechanics.checks import checked_range
-from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.equilibrium import continuation
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.seeding import EpisodeStream, until_found
 from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl
@@ -119,7 +119,7 @@ def _walk(
     def put_on(q: Components, t: Component) -> Any:
         return mechanism.statics(q, start, tuple(t * force for force in load))
 
-    begin, fraction = follow(put_on, mechanism.rectangle(start, side)[0])
+    begin, fraction = continuation(put_on, mechanism.rectangle(start, side)[0])
     good = fine(begin, start, fraction)
     xp = namespace_of(*begin)
     here, lengths, left, moved = begin, start, length, 0.0
@@ -131,7 +131,7 @@ def _walk(
         def leg(q: Components, t: Component, old: Components = lengths, new: Components = new) -> Any:
             return mechanism.statics(q, tuple(o + t * (n - o) for o, n in zip(old, new, strict=True)), load)
 
-        end, fraction = follow(leg, here)
+        end, fraction = continuation(leg, here)
         taken = fine(end, new, fraction)
         here = tuple(xp.where(taken, e, h) for e, h in zip(end, here, strict=True))
         lengths = tuple(xp.where(taken, n, d) for n, d in zip(new, lengths, strict=True))

@@ -136,7 +136,9 @@ class TwoXReach(TwoXRegions, Core):
             where = f"target ({float(x[0]):.6g}, {float(y[0]):.6g})"
             if not np.isfinite(found[0][0]).any():
                 raise ValueError(f"{where}: no stable, wrench-feasible configuration puts the tip there")
-            raise ValueError(f"{where}: in another piece of the stable wrench-feasible set than the start, {q}")
+            raise ValueError(
+                f"{where}: in another connected component of the stable wrench-feasible set than the start, {q}"
+            )
         solutions = self.solutions(mechanism, x, y)
         return Sampled(sampled.episode._replace(goal=(x, y), solutions=solutions), q, tensions)
 

@@ -1,4 +1,4 @@
-"""Episodes that can be solved: start and target in one connected piece of the stable wrench-feasible joint space
+"""Episodes that can be solved: start and target in one connected component of the stable wrench-feasible joint space
 (SWFJ).
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.checks import checked_range
-from tensegrity_envs.mechanics.equilibrium import follow
+from tensegrity_envs.mechanics.equilibrium import continuation
 from tensegrity_envs.mechanics.two_x import TwoX
 from tensegrity_envs.seeding import EpisodeStream, until_found
 
@@ -40,14 +40,14 @@ class Sampler:
     """Draws episodes, each a function of (seed, episode) alone.
 
     Configurations are uniform over the part of the SWFJ, within the joint limits, where both margins are at least 0.01;
-    the target lies in the connected piece that the start is in. With a hidden payload the start gives nothing away: its
-    tensions are the stiffest ones of a configuration of the *nominal* arm, and such a start counts only if the arm
-    stays in equilibrium under every payload that could be drawn, so tensions and payload are independent. The start is
-    then where the arm comes to rest under the payload that was drawn.
+    the target lies in the connected component that the start is in. With a hidden payload the start gives nothing
+    away: its tensions are the stiffest ones of a configuration of the *nominal* arm, and such a start counts only if
+    the arm stays in equilibrium under every payload that could be drawn, so tensions and payload are independent.
+    The start is then where the arm comes to rest under the payload that was drawn.
 
     Attributes:
         arm: makes the mechanism of a design.
-        nodes: along each angle of a grid that tells connected pieces apart.
+        nodes: along each angle of a grid that tells connected components apart.
 
     Raises:
         ValueError: the SWFJ of the design is empty.
@@ -62,15 +62,15 @@ class Sampler:
         low, high = checked_range("payload_range", payload_range, "kg", (float(design.payload), float(design.payload)))
         self._levels = np.linspace(low, high, _PAYLOAD_LEVELS if high > low else 1)
         self.joints = int(self.arm(design).degrees_of_freedom)
-        self._pieces = self._labelled()
-        if not self._pieces.reshape(len(self._levels), -1).any(axis=1).all():
+        self._components = self._labelled()
+        if not self._components.reshape(len(self._levels), -1).any(axis=1).all():
             raise ValueError(
                 f"the stable wrench-feasible joint space is empty within |alpha| <= {design.joint_limit} rad "
                 f"for {design} with a payload of up to {high} kg: raise max_tension, lower payload or bar_density"
             )
 
     def _labelled(self) -> np.ndarray:
-        """Numbers of the connected pieces on the grid, for every level of the payload; 0 outside."""
+        """Numbers of the connected components on the grid, for every level of the payload; 0 outside."""
         from scipy import ndimage  # slow to import, and only needed here
 
         design = self.design
@@ -82,17 +82,17 @@ class Sampler:
         return np.stack([ndimage.label(here)[0] for here in inside])
 
     def _joined(self, mechanism: Any, payload: np.ndarray, start: Components, q: Components) -> np.ndarray:
-        """Whether configurations are in the connected pieces that those of the starts are in."""
-        piece = self._piece(payload, start)
-        return np.asarray((piece > 0) & (self._piece(payload, q) == piece))
+        """Whether configurations are in the connected components that those of the starts are in."""
+        component = self._component(payload, start)
+        return np.asarray((component > 0) & (self._component(payload, q) == component))
 
-    def _piece(self, payload: np.ndarray, q: Components) -> np.ndarray:
-        """Which connected piece of its SWFJ a configuration is in, from the nearest grid node; 0 for none."""
+    def _component(self, payload: np.ndarray, q: Components) -> np.ndarray:
+        """Which connected component of its SWFJ a configuration is in, from the nearest grid node; 0 for none."""
         limit = self.design.joint_limit
         first, span = self._levels[0], self._levels[-1] - self._levels[0]
         level = np.ceil((payload - first) / span * (len(self._levels) - 1)) if span > 0 else 0 * payload
         place = (np.rint((angle + limit) / (2 * limit) * (self.nodes - 1)).astype(int) for angle in q)
-        return np.asarray(self._pieces[(level.astype(int), *place)])
+        return np.asarray(self._components[(level.astype(int), *place)])
 
     def sample(self, seed: np.ndarray, episode: np.ndarray, design: Any = None) -> Drawn:
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,).
@@ -100,8 +100,8 @@ class Sampler:
         Args:
             seed: of the environments.
             episode: numbers.
-            design: of these episodes, but for their payload, if it differs from the nominal one. Connected pieces are
-                still told apart by the nominal one.
+            design: of these episodes, but for their payload, if it differs from the nominal one. Connected components
+                are still told apart by the nominal one.
         """
         n = len(seed)
         stream = EpisodeStream(seed, episode)
@@ -160,7 +160,7 @@ class Sampler:
         return rest, tensions
 
     def in_reach(self, mechanism: Any, q: Components, solutions: tuple[Components, ...]) -> np.ndarray:
-        """Which solutions of a batch of one are in the start's connected piece of the SWFJ."""
+        """Which solutions of a batch of one are in the start's connected component of the SWFJ."""
         payload = mechanism.design.payload * np.ones(1)
         same = [
             np.isfinite(solution[0]).all() and self._joined(mechanism, payload, q, solution)[0]
@@ -191,7 +191,7 @@ class Sampler:
             found = np.concatenate([found, np.zeros((len(tensions), len(good)))])
             found[:, index] = np.stack([*rest, *tensions])
             good[index] &= held
-        good &= self._piece(payload, tuple(np.where(good, angle, 0.0) for angle in found[: self.joints])) > 0
+        good &= self._component(payload, tuple(np.where(good, angle, 0.0) for angle in found[: self.joints])) > 0
         return found, good
 
     def _inside(self, mechanism: Any, q: Components) -> np.ndarray:
@@ -232,7 +232,7 @@ def _change_payload(
         more = before + t * (after - before) - design.payload
         return arm.sine_statics(u, tensions, (0.0, -design.gravity * more))
 
-    u, fraction = follow(path, arm.to_sines(q))
+    u, fraction = continuation(path, arm.to_sines(q))
     return arm.from_sines(u), fraction
 
 

@@ -397,4 +397,4 @@ def _loaded(
         load = tuple(a + t * (b - a) for a, b in zip(begin, end, strict=True))
         return NX(design).statics(q, tensions, load)
 
-    return _equilibrium.follow(path, start, buckling.RESOLUTION)
+    return _equilibrium.continuation(path, start, buckling.RESOLUTION)
