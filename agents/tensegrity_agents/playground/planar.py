@@ -7,7 +7,17 @@ import numpy as np
 
 from tensegrity_agents.playground.page import Plane, Playground, Slider, members_of, numbers_of, varying
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.mechanics import JI2014, MURALIDHARAN2022, ZHAO2021_CAPTION, DualTriangle, PlanarFourBar, TwoX
+from tensegrity_envs.mechanics import (
+    JI2014,
+    MURALIDHARAN2022,
+    ZHAO2021_CAPTION,
+    DualTriangle,
+    DualTriangleDesign,
+    PlanarFourBar,
+    PlanarFourBarDesign,
+    TwoX,
+    TwoXDesign,
+)
 from tensegrity_envs.mechanics.planar_four_bar.equilibria import pointing
 from tensegrity_envs.mechanics.planar_four_bar.inverse import Crossbar, Pivots, crossbar, imbalance, pivot
 
@@ -21,21 +31,21 @@ COUNTS = (OUT, REACHED, *((f"{n} held{' or more' if n == 4 else ''}", c) for n, 
 # ------------------------------------------------------------------------------------------------------------- 2-X
 
 
-def _off_curve(design: Any, target: Components, psi: Component) -> Component:
+def _off_curve(design: TwoXDesign, target: Components, psi: Component) -> Component:
     return TwoX(design).through_anomaly(target[0], target[1], psi)[1]
 
 
-def _candidate(design: Any, target: Components, psi: Component) -> dict[str, Any]:
+def _candidate(design: TwoXDesign, target: Components, psi: Component) -> dict[str, Any]:
     q, _, u = TwoX(design).through_anomaly(target[0], target[1], psi)
     return {"q": q, "u": u}
 
 
-def _two_x_place(design: Any, q: Components) -> dict[str, Any]:
+def _two_x_place(design: TwoXDesign, q: Components) -> dict[str, Any]:
     arm = TwoX(design)
     return {"tip": arm.tip(q), "jacobian": arm.jacobian(q)}
 
 
-def _two_x_posture(design: Any, q: Components, load: Components) -> dict[str, Any]:
+def _two_x_posture(design: TwoXDesign, q: Components, load: Components) -> dict[str, Any]:
     arm = TwoX(design)
     tensions, stability, wrench = arm.posture(q, load)
     return {"tensions": tensions, "stability": stability, "wrench": wrench, "determinant": arm.jacobian_determinant(q)}
@@ -82,14 +92,14 @@ TWO_X = Playground(
 # --------------------------------------------------------------------------------------------------- dual-triangles
 
 
-def _last_two(design: Any, target: Components, q1: Component) -> dict[str, Any]:
+def _last_two(design: DualTriangleDesign, target: Components, q1: Component) -> dict[str, Any]:
     arm = DualTriangle(design)
     wrist = arm.wrist(target, (q1,))
     elbows = tuple((q1, arm.before_last(wrist, sign * wrist.angle), sign * wrist.angle) for sign in (1, -1))
     return {"stretch": wrist.stretch, "folding": wrist.folding, "elbows": elbows}
 
 
-def _dual_triangle_posture(design: Any, q: Components, load: Components) -> dict[str, Any]:
+def _dual_triangle_posture(design: DualTriangleDesign, q: Components, load: Components) -> dict[str, Any]:
     arm = DualTriangle(design)
     control = arm.control(q, load)
     lengths = arm.free_lengths(control)
@@ -143,13 +153,15 @@ DUAL_TRIANGLE = Playground(
 # ------------------------------------------------------------------------------------------------------ planar 4-bar
 
 
-def _support(design: Any, target: Components, sign: Component, load: Components) -> dict[str, Any]:
+def _support(design: PlanarFourBarDesign, target: Components, sign: Component, load: Components) -> dict[str, Any]:
     arm = PlanarFourBar(design)
     place = pivot(arm, target[0], target[1], sign)
     return {**place._asdict(), "bar": crossbar(arm, target[0], target[1], place.c, place.gamma, load)}
 
 
-def _state(design: Any, support: Any, alpha: Component, fold: Component, load: Components) -> dict[str, Any]:
+def _state(
+    design: PlanarFourBarDesign, support: dict[str, Any], alpha: Component, fold: Component, load: Components
+) -> dict[str, Any]:
     arm = PlanarFourBar(design)
     gamma, bar = support["gamma"], support["bar"]
     lengths = support["rho1"], arm.lengths_of(alpha, 0.0 * alpha)[1]

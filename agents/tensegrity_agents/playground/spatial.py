@@ -6,17 +6,17 @@ import numpy as np
 
 from tensegrity_agents.playground.page import Plane, Playground, Slider, members_of, numbers_of, varying
 from tensegrity_envs.compiler.namespace import Components
-from tensegrity_envs.mechanics import JAHROMY, SpatialPrism
+from tensegrity_envs.mechanics import JAHROMY, SpatialPrism, SpatialPrismDesign
 
 VARIES = np.ones(1)
 TRIPLE = (VARIES, VARIES, VARIES)
 
 
-def _turn(design: Any, position: Components, w: Components, force: Components) -> Components:
+def _turn(design: SpatialPrismDesign, position: Components, w: Components, force: Components) -> Components:
     return SpatialPrism(design).holding_step(position, w, force)[0]
 
 
-def _state(design: Any, q: Components, force: Components) -> dict[str, Any]:
+def _state(design: SpatialPrismDesign, q: Components, force: Components) -> dict[str, Any]:
     prism = SpatialPrism(design)
     return {
         "q": q,

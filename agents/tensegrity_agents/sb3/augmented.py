@@ -5,6 +5,7 @@ from typing import Any, Protocol
 import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 
 class Augmentation(Protocol):
@@ -47,7 +48,7 @@ class AugmentedVecEnv(VecEnvWrapper):
         self.memory: Any = None
         super().__init__(venv, augmentation.space(venv.observation_space))
 
-    def reset(self) -> Any:
+    def reset(self) -> VecEnvObs:
         """Begin new episodes everywhere."""
         observation: Any = self.venv.reset()
         told, self.memory = self.augmentation(observation)
@@ -58,7 +59,7 @@ class AugmentedVecEnv(VecEnvWrapper):
         self.memory = self.augmentation.acted(self.memory, actions)
         self.venv.step_async(actions)
 
-    def step_wait(self) -> Any:
+    def step_wait(self) -> VecEnvStepReturn:
         """Take the step."""
         observation: Any
         observation, reward, done, infos = self.venv.step_wait()

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
-from stable_baselines3.common.vec_env.base_vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
@@ -53,7 +54,7 @@ class LevelsVecEnv(VecEnv):
     def _split(self, values: Any) -> list[Any]:
         return [values[end - part.num_envs : end] for part, end in zip(self.parts, self.ends, strict=True)]
 
-    def reset(self) -> Any:
+    def reset(self) -> VecEnvObs:
         """Begin new episodes everywhere, with the seeds given to `seed` if there were any."""
         for part, seeds in zip(self.parts, self._split(self._seeds), strict=True):
             part._seeds = seeds
@@ -67,7 +68,7 @@ class LevelsVecEnv(VecEnv):
         for part, own in zip(self.parts, self._split(actions), strict=True):
             part.step_async(own)
 
-    def step_wait(self) -> Any:
+    def step_wait(self) -> VecEnvStepReturn:
         """Take the step."""
         observations, rewards, dones, infos = zip(*(part.step_wait() for part in self.parts), strict=True)
         return (
@@ -82,7 +83,7 @@ class LevelsVecEnv(VecEnv):
         for part in self.parts:
             part.close()
 
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """The attribute of the vector environment that each index is in."""
         each = [value for part in self.parts for value in part.get_attr(attr_name)]
         return [each[i] for i in self._get_indices(indices)]
@@ -91,17 +92,19 @@ class LevelsVecEnv(VecEnv):
         """Whether the vector environments have the attribute."""
         return all(part.has_attr(attr_name) for part in self.parts)
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set an attribute of the vector environments, for all environments at once."""
         for part in self.parts:
             part.set_attr(attr_name, value)
 
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+    def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
         """Call a method of each vector environment once; its result stands for every index in it."""
         each = [value for part in self.parts for value in part.env_method(method_name, *args, **kwargs)]
         return [each[i] for i in self._get_indices(indices)]
 
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
         """No Gymnasium wrappers are inside native vector environments."""
         return [False for _ in self._get_indices(indices)]
 

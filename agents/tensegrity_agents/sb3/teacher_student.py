@@ -24,8 +24,11 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers import teachers_of
 from tensegrity_agents.sb3.checkpoint import TrainingError
+from tensegrity_agents.sb3.levels import Shells
 from tensegrity_agents.sb3.policy_file import Normalization
+from tensegrity_envs.core import Core
 from tensegrity_envs.simulation.protocol import RUNNING
+from tensegrity_envs.vector_env import ManipulatorVectorEnv
 
 _AHEAD = 8  # steps of a path among which the one to go to is looked for
 _OFF = 1.5  # steps: farther from its path than that, the teacher plans anew
@@ -58,7 +61,13 @@ class Teacher:
     """
 
     def __init__(
-        self, name: str, env_id: str, options: dict[str, Any], shell: Any, horizon: int, replan_after: int
+        self,
+        name: str,
+        env_id: str,
+        options: dict[str, Any],
+        shell: ManipulatorVectorEnv,
+        horizon: int,
+        replan_after: int,
     ) -> None:
         self.shell, self.horizon, self.replan_after = shell, horizon, replan_after
         self.true = shell.core
@@ -124,7 +133,8 @@ class Teacher:
         for k, actions in enumerate(self.past):
             here = here + np.where((delay > k)[:, None], self.rate * actions, 0.0)
         if drives_inputs(self.true):
-            here = np.clip(here, *self.true.simulation.bounds(self.true.nominal))
+            control: Any = self.true.simulation
+            here = np.clip(here, *control.bounds(self.true.nominal))
         return np.asarray(here)
 
     def _planned(self, episodes: np.ndarray, outcomes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -216,14 +226,14 @@ class Teachers:
         return list(zip(self.parts, np.split(values, self.ends[:-1]), strict=True))
 
 
-def observations(core: Any, outcomes: np.ndarray) -> dict[str, np.ndarray]:
+def observations(core: Core, outcomes: np.ndarray) -> dict[str, np.ndarray]:
     """What n environments observe, according to a matrix of outcomes of n columns."""
     rows = core.outcomes.rows
     parts = {"observation": rows.observation, "achieved_goal": rows.achieved, "desired_goal": rows.desired}
     return {name: np.ascontiguousarray(outcomes[list(part)].T, np.float32) for name, part in parts.items()}
 
 
-def driven(core: Any, outcomes: np.ndarray) -> np.ndarray:
+def driven(core: Core, outcomes: np.ndarray) -> np.ndarray:
     """What actions change, (n, action size): the inputs, or the configuration where the joints themselves are driven.
 
     Args:
@@ -234,7 +244,7 @@ def driven(core: Any, outcomes: np.ndarray) -> np.ndarray:
     return np.asarray(outcomes[list(state.inputs if drives_inputs(core) else state.configuration)].T)
 
 
-def drives_inputs(core: Any) -> bool:
+def drives_inputs(core: Core) -> bool:
     """Whether actions change the inputs, not the joints themselves."""
     return bool(len(core.outcomes.rows.state.inputs) == core.simulation.action_size)
 
@@ -252,7 +262,9 @@ class Lessons:
         round: how many are over.
     """
 
-    def __init__(self, experiment: Experiment, model: PPO, env: VecNormalize, shell: Any) -> None:
+    def __init__(
+        self, experiment: Experiment, model: PPO, env: VecNormalize, shell: ManipulatorVectorEnv | Shells
+    ) -> None:
         settings = experiment.train.teacher
         assert settings is not None
         self.settings, self.model, self.env = settings, model, env
@@ -260,7 +272,7 @@ class Lessons:
         self.teacher = Teachers(
             [
                 Teacher(settings.controller, experiment.env, options, part, settings.horizon, settings.replan_after)
-                for part in getattr(shell, "parts", [shell])
+                for part in (shell.parts if isinstance(shell, Shells) else [shell])
             ]
         )
         net: Any = model.policy
@@ -335,7 +347,7 @@ class Lessons:
         self._train()
         self.round += 1
 
-    def _store(self, observation: Any, wanted: np.ndarray, index: np.ndarray) -> None:
+    def _store(self, observation: dict[str, np.ndarray], wanted: np.ndarray, index: np.ndarray) -> None:
         size = len(self.shown)
         index = index[:size]
         place = (self.next + np.arange(len(index))) % size

@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
-from stable_baselines3.common.vec_env.base_vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 import tensegrity_envs  # noqa: F401  (registers the ids)
 
@@ -59,7 +59,7 @@ class VectorEnvAdapter(VecEnv):
         )
         return cls(envs, stagger, full_info)
 
-    def reset(self) -> Any:
+    def reset(self) -> VecEnvObs:
         """Begin new episodes everywhere, with the seeds given to `seed` if there were any."""
         seeds: Any = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         observation, info = self.envs.reset(seed=seeds, options={"stagger": True} if self._stagger else None)
@@ -67,13 +67,14 @@ class VectorEnvAdapter(VecEnv):
             self.reset_infos = _each(info, range(self.num_envs))
         self._reset_seeds()
         self._reset_options()
-        return observation
+        begun: VecEnvObs = observation
+        return begun
 
     def step_async(self, actions: np.ndarray) -> None:
         """Remember the actions."""
         self._actions = actions
 
-    def step_wait(self) -> Any:
+    def step_wait(self) -> VecEnvStepReturn:
         """Take the step."""
         observation, reward, terminated, truncated, info = self.envs.step(self._actions)
         done = terminated | truncated
@@ -90,7 +91,7 @@ class VectorEnvAdapter(VecEnv):
         """Close the environments."""
         self.envs.close()
 
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """The attribute of the vector environment, once for every index."""
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
@@ -98,16 +99,18 @@ class VectorEnvAdapter(VecEnv):
         """Whether the vector environment has the attribute."""
         return hasattr(self.envs, attr_name)
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set an attribute of the vector environment, for all environments at once."""
         setattr(self.envs, attr_name, value)
 
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+    def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
         """Call a method of the vector environment once; its result stands for every index."""
         result = getattr(self.shell, method_name)(*args, **kwargs)
         return [result for _ in self._get_indices(indices)]
 
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
         """No Gymnasium wrappers are inside a native vector environment."""
         return [False for _ in self._get_indices(indices)]
 

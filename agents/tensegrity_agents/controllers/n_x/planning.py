@@ -5,11 +5,11 @@ The planner grows two trees of random configurations, one from the start and one
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from tensegrity_agents.controllers.two_x.planning import straight_clearance
+from tensegrity_envs.mechanics import NX
 from tensegrity_envs.mechanics.n_x.postures import postures_at
 
 _NEAREST = 48  # solutions of each target whose straight path is looked at
@@ -23,7 +23,7 @@ IsFree = Callable[[np.ndarray], np.ndarray]  # configurations (joints, k) -> (k,
 
 
 def choose_posture(
-    model: Any, start: np.ndarray, target: np.ndarray, enough: float = 0.0
+    model: NX, start: np.ndarray, target: np.ndarray, enough: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Of many solutions of each target the one whose straight joint path stays feasible and is shortest.
 

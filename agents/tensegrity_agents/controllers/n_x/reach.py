@@ -1,7 +1,5 @@
 """The analytic controllers that reach with an n-X arm: those of the 2-X, with a continuum of solutions."""
 
-from typing import Any
-
 import numpy as np
 
 from tensegrity_agents.controllers import two_x
@@ -9,6 +7,7 @@ from tensegrity_agents.controllers.n_x.planning import choose_posture, connect
 from tensegrity_agents.controllers.n_x.reading import configuration_of, estimate_payload
 from tensegrity_agents.controllers.two_x.planning import margin
 from tensegrity_agents.controllers.two_x.reading import Estimate
+from tensegrity_envs.mechanics import NX
 from tensegrity_envs.mechanics.n_x.postures import postures_at
 from tensegrity_envs.observation import DecodedObservation
 
@@ -18,7 +17,7 @@ _LEAST = 0.005  # [-] margin along a planned path
 class NXArm:
     """What the controllers of the 2-X ask of its model, for n joints."""
 
-    nominal: Any
+    nominal: NX
     clearance: float
     centring = 0.02  # share of the joint angles that the null space takes back in a step
 
@@ -26,14 +25,14 @@ class NXArm:
         """See `reading.configuration_of`."""
         return configuration_of(self.nominal, observed, near)
 
-    def choose(self, model: Any, start: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def choose(self, model: NX, start: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `planning.choose_posture`."""
         return choose_posture(model, start, target, self.clearance)
 
-    def around(self, model: Any, start: np.ndarray, target: np.ndarray) -> list[np.ndarray]:
+    def around(self, model: NX, start: np.ndarray, target: np.ndarray) -> list[np.ndarray]:
         """A path by a sampling planner; see `planning.connect`."""
         _, ends = postures_at(model, target[:1], target[1:])
-        ends = ends[:, margin(model, ends) > _LEAST]
+        ends = ends[:, np.flatnonzero(margin(model, ends) > _LEAST)]
 
         def is_free(q: np.ndarray) -> np.ndarray:
             return np.asarray(margin(model, q) > _LEAST)

@@ -1,24 +1,23 @@
 """What the nominal model makes of an observation of an n-X arm: its joint angles and its payload."""
 
-from typing import Any
-
 import numpy as np
 
 from tensegrity_agents.controllers.two_x.reading import Estimate
+from tensegrity_envs.mechanics import NX
 from tensegrity_envs.mechanics.n_x.redundancy import project
 from tensegrity_envs.observation import DecodedObservation
 
 _ROUNDS = 12  # of Gauss's and Newton's method
 
 
-def at_rest(model: Any, observed: DecodedObservation) -> np.ndarray:
+def at_rest(model: NX, observed: DecodedObservation) -> np.ndarray:
     """Where the model rests under the measured tensions, (n, joints) [rad]; upright where it finds no rest."""
     upright = np.zeros((model.degrees_of_freedom, len(observed)))
     rest = model.equilibrium(tuple(observed.tensions.T), tuple(upright))
     return np.where(np.asarray(rest.is_stable)[:, None], np.stack(rest.configuration, axis=1), 0.0)
 
 
-def configuration_of(model: Any, observed: DecodedObservation, near: np.ndarray | None) -> np.ndarray:
+def configuration_of(model: NX, observed: DecodedObservation, near: np.ndarray | None) -> np.ndarray:
     """Joint angles of shape (n, joints): observed, or else those with the tip where it is seen, close to `near`.
 
     Without `near`, close to where the model rests under the measured tensions.
@@ -31,7 +30,7 @@ def configuration_of(model: Any, observed: DecodedObservation, near: np.ndarray 
     return np.where(there[:, None], found.T, guess)
 
 
-def estimate_payload(model: Any, observed: DecodedObservation) -> Estimate:
+def estimate_payload(model: NX, observed: DecodedObservation) -> Estimate:
     """Configuration and payload with which the arm rests under the measured tensions with its tip where it is seen.
 
     Equilibrium and tip are more equations than there are unknowns. From where the arm rests without the payload, steps

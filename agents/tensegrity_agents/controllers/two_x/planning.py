@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from tensegrity_agents.controllers.two_x.reading import solutions
-from tensegrity_envs.mechanics import TwoX
+from tensegrity_envs.mechanics import NX, TwoX
 
 _SAMPLES = 41  # along a straight path
 _GRID = 81  # nodes along each angle
@@ -15,14 +15,14 @@ _CLEARANCE = 0.01  # least margin along a path [-]
 _WORTH = 4.0  # [rad] of a longer path is what enough margin is worth against none
 
 
-def margin(model: TwoX, q: np.ndarray) -> np.ndarray:
+def margin(model: TwoX | NX, q: np.ndarray) -> np.ndarray:
     """The smaller of stability and wrench margin at configurations (2, ...); negative beyond the joint limits."""
     _, stability, wrench = model.posture(tuple(q))
     inside = np.abs(q).max(axis=0) <= model.design.joint_limit
     return np.where(inside, np.minimum(stability, wrench), -1.0)
 
 
-def straight_clearance(model: TwoX, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+def straight_clearance(model: TwoX | NX, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Least margin along the straight joint paths from `start` to `end`, both (2, n); shape (n,)."""
     s = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
     least: np.ndarray = margin(model, start[:, None] + s * (end - start)[:, None]).min(axis=0)
