@@ -31,6 +31,7 @@ def pytest_ignore_collect(collection_path):
     return law_rows.has_no_law(collection_path) or None
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks at the groups
 def pytest_collection_modifyitems(config, items):
     """Leave out the full tier unless it is asked for; run tests of one environment in one process (`--dist loadgroup`),
     which compiles its code once.

@@ -156,8 +156,10 @@ def share_options(core: type, names: Iterable[str]) -> None:
     explicit = [parameter for parameter in own if parameter.kind is not inspect.Parameter.VAR_KEYWORD]
     taken = {parameter.name for parameter in explicit}
     further: list[inspect.Parameter] = []
+    texts: dict[str, str] = {}
     if len(explicit) < len(own) and parent is not None:
         further = list(inspect.signature(parent).parameters.values())
+        texts = described(parent, "Args")
     elif len(explicit) < len(own):
         defaults = getattr(core, "option_defaults", {})
         further = [
@@ -170,23 +172,24 @@ def share_options(core: type, names: Iterable[str]) -> None:
             for field in dataclasses.fields(Options)
             if field.name in names
         ]
-        _document(core, [parameter.name for parameter in further])
+        texts = described(Options)
+    _document(core, {p.name: texts[p.name] for p in further if p.name in texts})
     further = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in further if p.name not in taken]
     core.__signature__ = inspect.Signature(explicit + further)  # type: ignore[attr-defined]
 
 
-def _document(core: type, names: list[str]) -> None:
-    """Add the shared options to the section of arguments of a docstring, but for those that it describes itself."""
+def _document(core: type, texts: Mapping[str, str]) -> None:
+    """Add arguments to the docstring, by name, but for those that it describes itself."""
     doc = vars(core).get("__doc__")
-    if not doc:
+    if not doc or not texts:
         return
-    head, args, rest = inspect.cleandoc(doc).partition("\nArgs:\n")
-    own, raises, rest = rest.partition("\n\nRaises:\n")
+    before, raises, rest = inspect.cleandoc(doc).partition("\n\nRaises:\n")
+    head, args, own = before.partition("\nArgs:\n")
     known = described(core, "Args")
     entries = [
         textwrap.fill(f"{name}: {text}", _WIDTH, initial_indent="    ", subsequent_indent="        ")
-        for name, text in described(Options).items()
-        if name in names and name not in known
+        for name, text in texts.items()
+        if name not in known
     ]
     core.__doc__ = head + (args or "\n\nArgs:\n") + "\n".join([*([own] if own else []), *entries]) + raises + rest
 

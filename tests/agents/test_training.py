@@ -386,6 +386,8 @@ def test_every_baseline_runs_on_every_environment(env_id, name):
     elif "DualTriangle" in env_id:
         weak = {"pseudo_inverse": 0.6, "observer": 0.95, "oracle": 0.975} if "Loaded" in env_id else {}
         assert success >= weak.get(name, 0.0 if "Loaded" in env_id else 0.975)
+    elif "ThreeX" in env_id and "MuJoCo" in env_id:
+        assert success >= {"pseudo_inverse": 0.0}.get(name, 0.6)  # ramps lose a fifth there, see docs/n_x.md
     elif "MuJoCo" in env_id and name == "closed_form_ik":
         assert success >= 0.85  # at full speed the mechanism still swings at the end
     elif name == "oracle" or (

@@ -16,7 +16,9 @@ HEAVY = ("numba", "torch", "pygame", "matplotlib", "contourpy", "shapely", "mujo
 @pytest.mark.parametrize("env_id", tensegrity_envs.ENV_IDS)
 def test_an_environment_loads_only_what_it_uses(env_id):
     needed = {"mujoco"} if "MuJoCo" in env_id else set()
-    needed |= {"scipy.ndimage"} if "TwoX" in env_id else set()  # connected components of its joint space
+    needed |= (
+        {"scipy.ndimage"} if "TwoX" in env_id or "ThreeX" in env_id else set()
+    )  # connected components of its joint space
     needed |= {"shapely"} if "Posture" in env_id else set()
     code = (
         "import sys, gymnasium, tensegrity_envs; "
