@@ -21,7 +21,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError, solve_discrete_are
 
-from tensegrity_agents.controllers.dynamic import Base, Memory, Planned
+from tensegrity_agents.controllers.dynamic import Base, Memory, Planned, RampMemory
 from tensegrity_agents.controllers.input_shaping import Shaper, shaped, vibration_of
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
@@ -73,19 +73,7 @@ class _FullSpeed(Planned[Memory]):
         return np.stack(found, axis=1)
 
 
-class ShapedMemory(NamedTuple):
-    """What a shaped plan carries from step to step.
-
-    Attributes:
-        plan: inputs after each step, shape (n, steps, inputs).
-        step: of the episode, shape (n,).
-    """
-
-    plan: np.ndarray
-    step: np.ndarray
-
-
-class Shaped(_FullSpeed[ShapedMemory]):
+class Shaped(_FullSpeed[RampMemory]):
     """The plan at full speed through an input shaper for the modes at the target, with active damping. See the module.
 
     Args:
@@ -98,11 +86,11 @@ class Shaped(_FullSpeed[ShapedMemory]):
     def __init__(self, core: Core, base: Base) -> None:
         super().__init__(core, base, "full speed, shaped for the modes at the target, active damping")
 
-    def initial(self, observed: DecodedObservation, index: np.ndarray) -> ShapedMemory:
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> RampMemory:
         """See `AnalyticController.initial`."""
-        return ShapedMemory(self._prepared(observed, index)[0], np.zeros(len(index), int))
+        return RampMemory(self._prepared(observed, index)[0], np.zeros(len(index), int))
 
-    def _act(self, observed: DecodedObservation, memory: ShapedMemory) -> tuple[np.ndarray, ShapedMemory]:
+    def _act(self, observed: DecodedObservation, memory: RampMemory) -> tuple[np.ndarray, RampMemory]:
         rows = np.arange(len(memory.step))
         wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
         return self.damped(observed, wanted, observed.joint_angles), memory._replace(step=memory.step + 1)
