@@ -6,6 +6,8 @@ import pytest
 from scipy.stats import ks_2samp
 
 import tensegrity_envs  # noqa: F401
+from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.controllers.dual_triangle import PseudoInverse
 from tensegrity_envs import termination_reason
 from tensegrity_envs.mechanics import ZHAO2021_CAPTION, ZHAO2021_TEXT, DualTriangle, DualTriangleDesign
 
@@ -48,10 +50,12 @@ def balance(arm, q, lengths, load):
     return worst
 
 
-@pytest.mark.parametrize("env_id", [REACH, LOADED, PUSH])
-def test_the_arm_is_in_stable_equilibrium_under_inputs_and_load_after_every_step(env_id):
-    envs = make_vec(env_id, 64)
-    arm = DualTriangle()
+@pytest.mark.parametrize(
+    ("env_id", "segments"), [(REACH, 3), (LOADED, 3), (PUSH, 3), (REACH, 2), (REACH, 5), (LOADED, 5), (LOADED, 2)]
+)
+def test_the_arm_is_in_stable_equilibrium_under_inputs_and_load_after_every_step(env_id, segments):
+    envs = make_vec(env_id, 64, **({} if env_id == PUSH else {"segments": segments}))
+    arm = DualTriangle(segments=segments)
     _, info = envs.reset(seed=0)
     name = envs.unwrapped.core.input_name
     rng = np.random.default_rng(0)
@@ -179,6 +183,46 @@ def test_targets_cover_the_workspace_and_are_reachable(design):
     assert (np.abs(info["control_inputs"]) <= design.free_length1).all()
     assert np.ptp(target[0]) > 0.3
     assert np.ptp(target[1]) > 0.4
+
+
+@pytest.mark.parametrize("segments", [2, 4, 5])
+def test_an_arm_of_any_number_of_segments_reaches_its_targets_by_its_pseudo_inverse(segments):
+    envs = make_vec(REACH, 32, segments=segments)
+    core = envs.unwrapped.core
+    assert core.task.tolerance == pytest.approx(0.003 * segments / 3)
+    assert envs.single_action_space.shape == (segments,)
+    controller = PseudoInverse(core)
+    observation, info = envs.reset(seed=0)
+    assert info["configuration"].shape == (32, segments)
+    arm = DualTriangle(segments=segments)
+    np.testing.assert_allclose(
+        np.array(arm.tip(tuple(info["configuration"].T))).T, observation["achieved_goal"], atol=1e-7
+    )
+    reached, state = np.zeros(32, bool), None
+    for step in range(80):
+        action, state = controller.predict(observation, state, np.full(32, step == 0))
+        observation, _, terminated, _, info = envs.step(action)
+        reached |= np.asarray(info["is_success"], bool)
+        if terminated.any():
+            break
+    assert reached.mean() >= 0.9
+
+
+def test_targets_of_any_number_of_segments_can_be_chosen_and_those_out_of_reach_are_refused():
+    for segments in (2, 3, 5):
+        env = gym.make(REACH, segments=segments)
+        target = (0.9 * env.unwrapped.core.reach, 0.01)
+        observation, _ = env.reset(seed=0, options={"target": target})
+        np.testing.assert_allclose(observation["desired_goal"], target, atol=1e-7)
+        with pytest.raises(ValueError, match="out of reach of the arm within its joint limits"):
+            env.reset(options={"target": (1.01 * env.unwrapped.core.reach, 0.0)})
+    for wrong, error in ((1, ValueError), (2.5, TypeError), (True, TypeError)):
+        with pytest.raises(error, match=f"segments = {wrong}"):
+            gym.make(REACH, segments=wrong)
+    with pytest.raises(TypeError, match="segments"):
+        gym.make(PUSH, segments=5)
+    with pytest.raises(ValueError, match="of three segments, not of 5"):
+        make_controller("oracle", REACH, {"segments": 5})
 
 
 def test_designs_that_cannot_be_used_are_refused():

@@ -16,7 +16,7 @@ from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDe
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
 from tensegrity_envs.observation import DecodedObservation
 
-_POSTURES = np.random.default_rng(0).uniform(-1.0, 1.0, (400, 3))  # of the joint limits
+_TABLE = 400  # postures that the pseudo-inverse may start from anew
 _STEPS = 100  # planned ahead; afterwards the last inputs are held
 
 
@@ -24,12 +24,12 @@ class Memory(NamedTuple):
     """What a controller carries from step to step, for n environments.
 
     Attributes:
-        plan: control inputs after each step, shape (n, steps, 3) [m].
+        plan: control inputs after each step, shape (n, steps, segments) [m].
         step: of the episode, shape (n,).
-        commanded: configuration that the inputs stand for, shape (n, 3) [rad].
+        commanded: configuration that the inputs stand for, shape (n, segments) [rad].
         least: distance of the tip from the target since the last new start, shape (n,) [m].
         waited: steps in which it did not fall, shape (n,).
-        restart_at: posture that is tried next, shape (n, 3) [rad].
+        restart_at: posture that is tried next, shape (n, segments) [rad].
         crossing: whether the arm is moving there, shape (n,).
     """
 
@@ -47,12 +47,24 @@ class ReachController(AnalyticController[Memory]):
 
     Args:
         core: of the environment.
+
+    Attributes:
+        any_segments: whether it is for arms of any number of segments, or for three alone.
+
+    Raises:
+        ValueError: it is for three segments, and the arm has another number.
     """
 
     nominal: DualTriangle
+    any_segments = False
 
     def _take(self, design: DualTriangleDesign) -> None:
         super()._take(design)
+        if self.nominal.segments != 3 and not self.any_segments:
+            raise ValueError(
+                f"{type(self).__name__}: plans along the self-motion curves of three segments, not of "
+                f"{self.nominal.segments}; pseudo_inverse and random take any number"
+            )
         self.bound = self.input_bounds()[1]
         # Up to here the unloaded arm can be held, too; beyond its joint limit an episode ends.
         self.joint_limit = 0.98 * min(float(design.joint_limit), float(self.nominal.segment.control_limit))
@@ -66,22 +78,22 @@ class ReachController(AnalyticController[Memory]):
             start,
             np.full(n, np.inf),
             np.zeros(n, int),
-            np.zeros((n, 3)),
+            np.zeros_like(start),
             np.zeros(n, bool),
         )
 
     def _start(self, observed: DecodedObservation) -> np.ndarray:
-        """Configurations (n, 3) [rad]: observed, or else where the nominal arm would rest under the inputs."""
+        """Configurations (n, segments) [rad]: observed, or else where the nominal arm would rest under the inputs."""
         if "joint_angles" in observed:
             return observed.joint_angles
         # The law q -> inputs of the unloaded arm has one inverse; from the middle it is reached stably.
         lengths = self.nominal.free_lengths(tuple(observed.inputs.T))
-        rest = self.nominal.equilibrium(lengths, tuple(np.zeros((3, len(observed.tip)))))
+        rest = self.nominal.equilibrium(lengths, tuple(np.zeros_like(observed.inputs.T)))
         return np.stack(rest.configuration, axis=1)
 
     @abstractmethod
     def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
-        """Inputs of the environments at `index` after each step, (n, steps, 3) [m]."""
+        """Inputs of the environments at `index` after each step, (n, steps, segments) [m]."""
 
     def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         rows = np.arange(len(memory.step))
@@ -139,6 +151,7 @@ class PseudoInverse(ReachController):
     posture, that of a fixed table whose tip is nearest to the target, and tries from there.
     """
 
+    any_segments = True
     knows = "the nominal design; feedback of the tip error"
     gain = 0.5
     damping = 0.02  # [m/rad]
@@ -152,7 +165,7 @@ class PseudoInverse(ReachController):
     apart = 0.6  # so different the next posture is, in one joint at least [rad]
 
     def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
-        return np.zeros((len(start), _STEPS, 3))
+        return np.zeros((len(start), _STEPS, start.shape[1]))
 
     def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         q, limit = memory.commanded, self.joint_limit
@@ -168,7 +181,7 @@ class PseudoInverse(ReachController):
         return share * change / self.rate, memory._replace(commanded=commanded, step=memory.step + 1)
 
     def _resolved_rate(self, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """Joint steps (n, 3) [rad] for wanted tip steps (n, 2) [m]."""
+        """Joint steps (n, segments) [rad] for wanted tip steps (n, 2) [m]."""
         jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
         near = np.clip((self.joint_limit - np.abs(q)) / self.zone, 0.0, 1.0)
         weight = np.ones_like(q)
@@ -190,7 +203,7 @@ class PseudoInverse(ReachController):
         progress = (distance < 0.98 * memory.least) | (distance <= self.core.task.tolerance)
         waited = np.where(progress, 0, memory.waited + 1)
         stuck = (waited > self.patience) & (np.abs(q).max(axis=1) > limit - 0.1) & ~memory.crossing
-        table = self.spread * limit * _POSTURES
+        table = self.spread * limit * np.random.default_rng(0).uniform(-1.0, 1.0, (_TABLE, q.shape[1]))
         tips = np.stack(self.nominal.tip(tuple(table.T)), axis=1)
         distances = np.linalg.norm(observed.target[:, None] - tips, axis=2)
         distances += np.where(np.abs(table - q[:, None]).max(axis=2) < self.apart, np.inf, 0.0)

@@ -15,16 +15,21 @@ from tensegrity_envs.simulation.dynamic import DynamicControl
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.simulation.quasi_static import DeltaControl
 
-SEGMENTS = 3
+PUBLISHED_SEGMENTS = 3
 
 
 class DualTriangleCore(Core):
-    """What the environments of this arm share."""
+    """What the environments of this arm share.
+
+    Attributes:
+        segments: how many the arm has.
+    """
 
     info_meanings: ClassVar[dict[str, tuple[str, str]]] = {"load": ("N", "force at the tip")}
     published = ZHAO2021_CAPTION
     simulation: DeltaControl | DynamicControl
     design: DualTriangleDesign
+    segments: int = PUBLISHED_SEGMENTS
 
     def take_options(self, options: Options, applicable: Collection[str], where: str) -> None:
         """See `Core.take_options`.
@@ -33,7 +38,7 @@ class DualTriangleCore(Core):
             ValueError: the straight arm is unstable.
         """
         super().take_options(options, applicable, where)
-        self.nominal = DualTriangle(self.design, SEGMENTS)
+        self.nominal = DualTriangle(self.design, self.segments)
         critical_load = self.nominal.straight_critical_loads()[0]
         if not critical_load > 0:
             raise ValueError(
@@ -45,10 +50,12 @@ class DualTriangleCore(Core):
     @property
     def scale(self) -> float:
         """How many times as far as the published arm this one reaches."""
-        return self.reach / float(DualTriangle(self.published, SEGMENTS).reach)
+        return self.reach / float(DualTriangle(self.published, PUBLISHED_SEGMENTS).reach)
 
     def tip_region(self) -> Any:
-        """Within the limits of joints and inputs; see `Core.tip_region`."""
+        """Within the limits of joints and inputs, of three segments; see `Core.tip_region`."""
+        if self.segments != PUBLISHED_SEGMENTS:
+            return None
         from tensegrity_envs.geometry.dual_triangle_fields import maximum, region_of  # loads Shapely
 
         simulation: Any = self.simulation
@@ -66,14 +73,14 @@ class DualTriangleCore(Core):
 
     def mechanism(self, design: DualTriangleDesign) -> DualTriangle:
         """See `Core.mechanism`."""
-        return DualTriangle(design, SEGMENTS)
+        return DualTriangle(design, self.segments)
 
     def observed(self) -> list[Field]:
         """See `Core.observed`."""
         bounds, size = self.simulation.bounds(self.nominal), self.simulation.action_size
         meaning = f"{self.input_name.replace('_', ' ')} of the springs"
         inputs = inputs_field(self.input_name, size, bounds, "m", meaning)
-        return arm_fields(self.nominal, self.reach, inputs, SEGMENTS, self.observe_all, self.observe_velocities)
+        return arm_fields(self.nominal, self.reach, inputs, self.segments, self.observe_all, self.observe_velocities)
 
     def _randomized(self, random: dict[str, np.ndarray]) -> DualTriangleDesign:
         """The design with the stiffnesses sampled for the episodes."""

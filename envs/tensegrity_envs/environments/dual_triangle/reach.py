@@ -6,9 +6,8 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Components, to_single
 from tensegrity_envs.core import Sampled
-from tensegrity_envs.environments.dual_triangle.arm import SEGMENTS, DualTriangleCore
+from tensegrity_envs.environments.dual_triangle.arm import PUBLISHED_SEGMENTS, DualTriangleCore
 from tensegrity_envs.environments.dual_triangle.sampling import Sampler
-from tensegrity_envs.mechanics.dual_triangle import DualTriangle
 from tensegrity_envs.options import Options
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import Episode
@@ -22,6 +21,7 @@ class DualTriangleReach(DualTriangleCore):
     Args:
         load_range: if given, every episode has an unknown tip force, of a size within this range (times the straight
             arm's critical load) and in any direction.
+        segments: how many the arm has, two or more; the published arm has three.
         design: the design that controllers know, by default ZHAO2021_CAPTION; a mapping of some of its fields or the
             name of a published design will do, see `mechanics.designs.resolve_design`.
         tolerance: success within this distance [m]; by default 3 mm at the published size, growing with the reach.
@@ -30,7 +30,7 @@ class DualTriangleReach(DualTriangleCore):
 
     Raises:
         ValueError: an argument is out of range; the message names it.
-        TypeError: `design` is not a design.
+        TypeError: `design` is not a design, or `segments` no integer.
         ImportError: backend = "mujoco", and MuJoCo is not installed.
     """
 
@@ -40,8 +40,11 @@ class DualTriangleReach(DualTriangleCore):
     task_type: ClassVar[type[Reach]] = Reach
     default_weights = ReachWeights()
 
-    def __init__(self, load_range: tuple[float, float] | None = None, **shared: Any) -> None:
+    def __init__(
+        self, load_range: tuple[float, float] | None = None, segments: int = PUBLISHED_SEGMENTS, **shared: Any
+    ) -> None:
         options = Options.of(type(self), shared)
+        self.segments = _checked(segments)
         applicable = {"stiffness", "actuation_delay", "tip_noise", "angle_noise"}
         applicable |= options.varied_dynamics | ({"mass"} if options.is_dynamic else set())
         self.take_options(options, applicable, f"a {options.backend} arm of dual-triangles")
@@ -69,7 +72,7 @@ class DualTriangleReach(DualTriangleCore):
         A target is reachable where some stable posture under the load holds it; whether a path leads there is not
         checked.
         """
-        arm, load = DualTriangle(sampled.episode.design, SEGMENTS), sampled.episode.load
+        arm, load = self.mechanism(sampled.episode.design), sampled.episode.load
         q, inputs = sampled.configuration, sampled.inputs
         if configuration is not None:
             q, inputs = self.sampler.start_at(arm, configuration, load)
@@ -82,3 +85,17 @@ class DualTriangleReach(DualTriangleCore):
         """See `Core.episode_with_goal`."""
         design = self._randomized(self.random_from(info))
         return Episode(design, tuple(np.asarray(info["load"], float).T), (), goal)
+
+
+def _checked(segments: int) -> int:
+    """The number of segments.
+
+    Raises:
+        TypeError: it is no integer.
+        ValueError: there are fewer than two.
+    """
+    if isinstance(segments, bool) or not isinstance(segments, int | np.integer):
+        raise TypeError(f"segments = {segments!r}: must be an integer")
+    if segments < 2:
+        raise ValueError(f"segments = {segments!r}: must be 2 or more: the tip of one segment moves on a curve")
+    return int(segments)

@@ -8,6 +8,7 @@ from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
+from tensegrity_envs.mechanics.dual_triangle.inverse import wrap
 from tensegrity_envs.mechanics.equilibrium import continuation
 from tensegrity_envs.seeding import EpisodeStream, until_found
 from tensegrity_envs.simulation.quasi_static import DeltaControl
@@ -15,6 +16,7 @@ from tensegrity_envs.simulation.quasi_static import DeltaControl
 _SHARE = 0.95  # of joint and input limits: starts and targets stay within
 _MIN_MARGIN = 0.02  # stability margin of starts and targets [-]
 _LEGS = 3  # of the walk from the start to the target
+_FIRST = 20_000  # of the first angles with which a target is looked for
 _WALK = 80  # steps that the walk takes at most
 
 
@@ -102,27 +104,39 @@ class Sampler:
         """Refuse a target that no stable posture within the limits holds under the load.
 
         Raises:
-            ValueError: no such posture was found, 720 of the first angle tried.
+            ValueError: no such posture was found, 721 of the first angle tried (of more than three segments, 20,000 of
+                the first angles, at random).
         """
         x, y = (float(component[0]) for component in target)
-        limit, high = float(self.arm.design.joint_limit), float(self.control.bounds(self.arm)[1])
-        postures = [
-            solution.configuration
-            for first in np.linspace(-limit, limit, 721)
-            for solution in self.arm.inverse_kinematics(x, y, float(first))
-            if solution.is_within_limits
-        ]
-        shown = f"target ({x:.6g}, {y:.6g})"
-        if not postures:
+        high = float(self.control.bounds(self.arm)[1])
+        postures = self._postures(x, y)
+        count, shown = postures.shape[1], f"target ({x:.6g}, {y:.6g})"
+        if not count:
             raise ValueError(f"{shown}: out of reach of the arm within its joint limits")
-        q = tuple(np.array(postures).T)
-        one = arm.take(np.zeros(len(postures), int))
-        force = tuple(np.repeat(component, len(postures)) for component in load)
+        q = tuple(postures)
+        one = arm.take(np.zeros(count, int))
+        force = tuple(np.repeat(component, count) for component in load)
         inputs = one.control(q, force)
         stability = one.stability_margin(q, one.free_lengths(inputs), force)
         holds = np.all([abs(delta) <= high for delta in inputs], axis=0) & (stability > 0)
         if not holds.any():
             raise ValueError(f"{shown}: no stable posture holds it within the inputs' bounds under this episode's load")
+
+    def _postures(self, x: float, y: float) -> np.ndarray:
+        """Postures (m, k) [rad] within the joint limits with the tip at (x, y): both elbows of many first angles."""
+        limit, free = float(self.arm.design.joint_limit), self.arm.segments - 2
+        if free == 1:
+            first = np.linspace(-limit, limit, 721)[None]
+        else:
+            first = np.random.default_rng(0).uniform(-limit, limit, (free, _FIRST if free else 1))
+        wrist = self.arm.wrist((np.full(first.shape[1], x), np.full(first.shape[1], y)), tuple(first))
+        reached = (wrist.stretch >= 0) & (wrist.folding >= 0)
+        found = [
+            np.stack([*first, wrap(self.arm.before_last(wrist, last)), last])[:, reached]
+            for last in (wrist.angle, -wrist.angle)
+        ]
+        q = np.concatenate(found, axis=1)
+        return q[:, (np.abs(q) <= limit).all(axis=0)]
 
     def _try(
         self, arm: DualTriangle, stream: EpisodeStream, load: Components
