@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from tensegrity_agents.evaluation.records import Record, packed
 from tensegrity_agents.reporting.matrix import (
@@ -14,6 +15,7 @@ from tensegrity_agents.reporting.matrix import (
     uncertainty_figure,
     verdict_of,
 )
+from tensegrity_agents.reporting.style import save
 
 EPISODES = 400
 
@@ -101,3 +103,12 @@ def test_figures_show_every_cell_and_level():
     assert [list(line.get_ydata()) for line in axes.lines] == [[100.0] * 4, [0.0] * 4]
     assert texts(matrix_figure({})) == ["no records"]
     assert texts(uncertainty_figure({"tensegrity/MastReach-v0": agents(1.0)})) == ["no records at several levels"]
+
+
+def test_a_picture_has_no_empty_margins(tmp_path):
+    names = ["closed_form_ik", "identifying_observer", "pseudo_inverse"]
+    records = {"tensegrity/DualTriangleLoadedReachUncertain-v0": [row(name, 0.5) for name in names]}
+    drawn = imread(save(matrix_figure(records), tmp_path / "matrix"))[..., :3]
+    rows, columns = (np.flatnonzero((drawn != drawn[0, 0]).any(axis=(2, axis))) for axis in (1, 0))
+    for used, size in ((rows, drawn.shape[0]), (columns, drawn.shape[1])):
+        assert used[0] < 60 and size - used[-1] < 60  # pixels, of 200 per inch

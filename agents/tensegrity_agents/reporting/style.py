@@ -101,6 +101,7 @@ def save(figure: Figure, stem: Path, title: str = "") -> Path:
         if title:
             figure.suptitle(title.replace("$", r"\$"), fontsize=10.5)
         named = {"Title": title} if title else {}
+        figure.draw_without_rendering()  # lays it out; before that, labels are not where they will be
         needed = figure.get_tightbbox()
         whole = Bbox.from_bounds(0, 0, *figure.get_size_inches())
         tight: Any = {"bbox_inches": Bbox.union([whole, needed])}  # nothing is cut off, however long a name is
