@@ -59,4 +59,4 @@ install: .venv/installed
 	@touch $@
 
 clean:
-	rm -rf .venv results docs/_build docs/api/envs docs/api/agents
+	rm -rf .venv results docs/_build docs/api/envs docs/api/agents docs/environments

@@ -9,7 +9,7 @@ from sphinx.ext import apidoc
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
-sys.path[:0] = [str(ROOT / "envs"), str(ROOT / "agents")]
+sys.path[:0] = [str(HERE), str(ROOT / "envs"), str(ROOT / "agents")]
 
 project = "tensegrity-envs"
 author = "the authors of tensegrity-envs"
@@ -28,7 +28,9 @@ html_title = f"tensegrity-envs {release}"
 html_show_sphinx = False
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
-html_extra_path = ["_build/extra"]  # the playground's pages, see `before`
+EXTRA = HERE / "_build" / "extra"  # the playground's pages, see `before`
+EXTRA.mkdir(parents=True, exist_ok=True)  # Sphinx looks for it before `before` has filled it
+html_extra_path = [str(EXTRA)]
 copybutton_prompt_text = ""
 
 # Markdown is GitHub's, and readable there; headings can be linked to.
@@ -67,16 +69,31 @@ def as_restructured(_app, _what, _name, _object, _options, lines):
 
 
 def before(_app):
-    """Write what the site is made of: a page for every module, and the playground's pages."""
+    """Write what the site is made of: a page for every module and every environment, and the playground's pages."""
     for room in ("envs", "agents"):
         templates, pages = HERE / "_templates" / "apidoc", HERE / "api" / room
         options = ["--force", "-q", "--separate", "--remove-old", "--no-toc", "--templatedir", str(templates)]
         apidoc.main([*options, "-o", str(pages), str(ROOT / room / f"tensegrity_{room}")])
 
+    import pages
+
     from tensegrity_agents.playground import PLAYGROUNDS, write_playground
 
+    pages.write_all(HERE / "environments")
+
     for name, page in PLAYGROUNDS.items():
-        write_playground(page, HERE / "_build" / "extra" / "playground" / f"{name}.html")
+        write_playground(page, EXTRA / "playground" / f"{name}.html")
+
+
+def with_linked_ids(_app, docname, source):
+    """Ids that begin a row of a table lead to their pages."""
+    from tensegrity_envs import ENV_IDS
+
+    above = "../" * docname.count("/")
+    for env_id in ENV_IDS:
+        name = env_id.rpartition("/")[2]
+        linked = rf"\1[`\2{name}`]({above}environments/{name}.md)"
+        source[0] = re.sub(rf"^(\| )`(tensegrity/)?{re.escape(name)}`(?= [|(])", linked, source[0], flags=re.MULTILINE)
 
 
 def without_aliases(_app, _what, _name, member, skip, _options):
@@ -88,4 +105,5 @@ def setup(app):
     """Connect all."""
     app.connect("autodoc-skip-member", without_aliases)
     app.connect("builder-inited", before, priority=1)
+    app.connect("source-read", with_linked_ids)
     app.connect("autodoc-process-docstring", as_restructured, priority=1)

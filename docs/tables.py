@@ -15,21 +15,12 @@ import gymnasium as gym
 import tensegrity_envs
 from tensegrity_envs.info import Meaning, meanings_of
 from tensegrity_envs.options import described
+from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.registration import ENTRIES, Entry
 
 WIDTH = 120
 PAGE = Path(__file__).parent / "environments.md"
-RANDOMIZED = (
-    "stiffness",
-    "mass",
-    "damping",
-    "friction",
-    "bandwidth",
-    "payload",
-    "actuation_delay",
-    "tip_noise",
-    "angle_noise",
-)
+RANDOMIZED = tuple(described(Randomization))
 BEGIN, END = "<!-- {}: written by docs/tables.py -->\n", "<!-- end of {} -->\n"
 
 
@@ -72,9 +63,15 @@ def info() -> str:
     return info_table(meanings_of(core_of(ENTRIES[0])), sizes_of(core_of(ENTRIES[0])), shared_info())
 
 
-def spaces() -> str:
-    """Actions, observations, rewards and info of every id."""
-    return "\n".join(section(entry, shared_info()) for entry in ENTRIES)
+def overview() -> str:
+    """What there is, one line for each id."""
+    rows = []
+    for entry in ENTRIES:
+        core = core_of(entry)
+        seen = ", ".join(f"`{name}`" for name in core.schema.fields)
+        what = f"{entry.summary[0].upper()}{entry.summary[1:]}"
+        rows.append((f"`{entry.id}`", what, core.simulation.action_size, seen, entry.max_episode_steps))
+    return table(("id", "what it is", "actions", "entry `observation`", "steps"), rows)
 
 
 @cache
@@ -88,22 +85,9 @@ def shared_info() -> tuple[str, ...]:
     )
 
 
-def section(entry: Entry, shared: tuple[str, ...]) -> str:
-    """Actions, observations, rewards and info of an id."""
-    core = core_of(entry)
-    summary = f"{entry.summary[0].upper()}{entry.summary[1:]}. {entry.max_episode_steps} steps."
-    told = meanings_of(core)
-    own = tuple(name for name in told if name not in shared and not name.startswith("reward_"))
-    parts = [
-        f"### {entry.id.removeprefix('tensegrity/')}\n",
-        textwrap.fill(summary, WIDTH) + "\n",
-        actions(core),
-        observations(core),
-        textwrap.fill(goals(core), WIDTH) + "\n",
-        textwrap.fill(weights(core), WIDTH) + "\n",
-        info_table(told, sizes_of(core), own),
-    ]
-    return "\n".join(parts)
+def summary(entry: Entry) -> str:
+    """What an id is, and its time limit."""
+    return f"{entry.summary[0].upper()}{entry.summary[1:]}. {entry.max_episode_steps} steps."
 
 
 def core_of(entry: Entry) -> Any:
@@ -146,14 +130,6 @@ def goals(core: Any) -> str:
     return f"Goals: {box.shape[0]} numbers, the {field.meaning} [{unit}]; tolerance {core.task.tolerance:.5g} {unit}."
 
 
-def weights(core: Any) -> str:
-    """The weights of the dense reward."""
-    own = core.task.weights
-    names = [name.removeprefix("reward_") for name in meanings_of(core) if name.startswith("reward_")]
-    listed = ", ".join(f"`{name}` {getattr(own, name):g}" for name in names)
-    return f"Reward (`{type(own).__name__}`): {listed}."
-
-
 def sizes_of(core: Any) -> dict[str, int]:
     """How many numbers the entries of `info` have, by name."""
     return {entry.name: 1 if entry.end is None else entry.end - entry.first for entry in core.info_entries}
@@ -165,7 +141,7 @@ def info_table(told: dict[str, Meaning], sizes: dict[str, int], names: tuple[str
     return table(("info", "numbers", "unit", "meaning"), rows)
 
 
-TABLES = {"randomization": randomization, "rewards": rewards, "info": info, "spaces": spaces}
+TABLES = {"overview": overview, "randomization": randomization, "rewards": rewards, "info": info}
 
 
 def current(text: str) -> str:

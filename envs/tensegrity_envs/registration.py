@@ -128,8 +128,8 @@ _NOMINAL = (
     ),
     Entry(
         "tensegrity/SpatialPrismPayloadTrack-v0",
-        "the same, with an unknown payload of 0 to 0.5 kg from some moment of the first cycle on; orientation and "
-        "payload not observed",
+        "spatial prism of three struts, length increments: follow the curve with an unknown payload of 0 to 0.5 kg "
+        "from some moment of the first cycle on; orientation and payload not observed",
         "SpatialPrismTrack",
         {"payload_range": [0.0, 0.5], "observe": "tip_and_inputs"},
         400,

@@ -41,7 +41,7 @@ def around_meeting(mechanism: PlanarFourBar, margin: float) -> Disc:
 class LoadedLengthControl(InputControl):
     """Under a force: the mechanism follows its stable equilibrium in (theta, gamma) by continuation.
 
-    Snapping to the other side is a failure ("buckled"), and so is a thrust beyond 2 K L.
+    Snapping to the other side is a failure ("buckled"), and so is a thrust beyond 2 K L ("wrench-infeasible").
     """
 
     action_size = 2
@@ -95,7 +95,8 @@ class LoadedLengthControl(InputControl):
 class RectangleControl(LoadedLengthControl):
     """Without a load, in closed form: the rectangle stays on its side of the line CD.
 
-    Coming close to where C and D coincide or where the rectangle becomes flat is a failure ("singular").
+    Coming close to where C and D coincide or where the rectangle becomes flat is a failure ("singular"), and so is a
+    thrust beyond 2 K L ("wrench-infeasible").
     """
 
     def margins(

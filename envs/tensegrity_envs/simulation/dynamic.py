@@ -92,7 +92,8 @@ class DynamicControl:
 
     Stability margin and wrench margin are those of the analytic mechanism, held by these inputs where it is at that
     moment: on the way it may pass through states in which it could not rest, which is no failure. Failures are those of
-    `Drivable.failed`, a simulation that diverged, and a loop that flips into another assembly.
+    `Drivable.failed`, a simulation that diverged ("simulation diverged"), and a loop that flips into another assembly
+    ("assembly flipped").
 
     Args:
         control: which inputs there are, and how fast they are.

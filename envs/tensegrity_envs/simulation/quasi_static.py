@@ -32,7 +32,7 @@ class JointControl:
     """Actions are joint increments; the cables take the stiffest feasible tensions.
 
     The commanded angles saturate at the joint limits. A command outside the stable wrench-feasible joint space is a
-    failure, and the arm stays where it was.
+    failure ("wrench-infeasible" or "unstable"), and the arm stays where it was.
     """
 
     rate = 0.1
@@ -63,7 +63,7 @@ class InputControl(ABC):
     """Actions are increments of the mechanism's inputs; the arm follows its stable equilibrium by continuation.
 
     Inputs saturate at their bounds. Loss of stability on the way is a failure ("buckled"), and so is a joint beyond its
-    limit; the arm is then left in the last stable state.
+    limit ("joint limit"); the arm is then left in the last stable state.
     """
 
     action_size: int
@@ -125,7 +125,7 @@ class InputControl(ABC):
         return self.at_rest(mechanism, u, inputs, load, time)._replace(velocity=velocity)
 
     def failed(self, mechanism: Any, state: State, before: State) -> Component:
-        """How a mechanism that moves has failed: a joint beyond its limit, or a cable too slack.
+        """How a mechanism in motion has failed: beyond a joint limit ("joint limit"), by a slack cable ("cable slack").
 
         Args:
             mechanism: simulated.

@@ -46,7 +46,7 @@ class Hold(Task):
         return self.score(state, episode) >= 1
 
     def check_termination(self, xp: Namespace, error: Component, state: State) -> State:
-        """Being off target is a failure, unless the arm has failed otherwise."""
+        """A tip off target is a failure ("off target"), unless the arm has failed otherwise."""
         physical = xp.where(state.failure == OFF_TARGET, RUNNING, state.failure)
         off = (error > self.tolerance) & (physical == RUNNING)
         return state._replace(failure=xp.where(off, OFF_TARGET, physical))

@@ -12,7 +12,8 @@ FULL_TURN = 4 * math.pi  # of alpha: theta = alpha / 2 runs once around
 class JointPaths:
     """Actions are increments of theta = alpha / 2 on the torus; there are no cables and no springs.
 
-    A step that comes too close to det J = 0 anywhere on its path is a failure, and the arm stays where it was.
+    A step that comes too close to det J = 0 anywhere on its path is a failure ("singular"), and the arm stays where it
+    was.
     """
 
     action_size = 2
