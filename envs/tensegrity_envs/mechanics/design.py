@@ -72,6 +72,8 @@ def take(batch: D, index: Index) -> D:
 
 
 def _taken(value: Any, index: Index) -> Any:
+    if value is None or isinstance(value, float | int | str):  # which most are: this saves them a long way
+        return value
     if isinstance(value, np.ndarray):
         return value[index]
     if isinstance(value, tuple | list):

@@ -6,7 +6,7 @@ from tensegrity_envs.compiler.jit import Compiled
 from tensegrity_envs.compiler.lowering import Booleans, Integers, Matrix
 
 _NEAR = 1e-2  # roots closer together than this all but coincide
-LANES = 16  # polynomials that are worked on at once, each as if it were alone
+LANES = 24  # polynomials that are worked on at once, each as if it were alone
 CLOSE, CLOSE_ENOUGH = 1e-8, 1e-5  # last step to a root, and to one of a derivative; the error is as its square
 SIZE = 9  # coefficients of the largest polynomials that are not left to the eigenvalues
 
@@ -141,7 +141,7 @@ def _roots(coefficients: Matrix, out: Matrix, delicate: Booleans) -> None:
                 y = y * left[j] + p[q + 1, j]
                 f_left[j] = y * left[j] + p[q, j]
             for interval in range(most + 1):
-                going_on = 0.0
+                going_on = 0
                 for j in range(LANES):
                     z = points[interval, j] if interval <= count[j] else left[j]
                     y = p[q + 8, j]
@@ -160,9 +160,9 @@ def _roots(coefficients: Matrix, out: Matrix, delicate: Booleans) -> None:
                     x[j] = max(x[j], right[j] - 1 - abs(right[j])) if interval == 0 and count[j] > 0 else x[j]
                     x[j] = min(x[j], left[j] + 1 + abs(left[j])) if interval == count[j] and count[j] > 0 else x[j]
                 for j in range(LANES):
-                    going_on = max(going_on, running[j])
+                    going_on += int(running[j] != 0.0)
                 for _ in range(100):
-                    if going_on == 0.0:
+                    if going_on == 0:
                         break
                     for j in range(LANES):
                         z = x[j]
@@ -192,9 +192,9 @@ def _roots(coefficients: Matrix, out: Matrix, delicate: Booleans) -> None:
                         step = step if is_inside else (high[j] - low[j]) / 2
                         x[j] = there if running[j] != 0.0 else z
                         running[j] = 0.0 if abs(step) < tolerance * (1 + abs(x[j])) else running[j]
-                    going_on = 0.0
+                    going_on = 0
                     for j in range(LANES):
-                        going_on = max(going_on, running[j])
+                        going_on += int(running[j] != 0.0)
                 for j in range(LANES):
                     if is_bracket[j] != 0.0:
                         found[int(new[j]), j] = x[j]
@@ -214,14 +214,17 @@ def _roots(coefficients: Matrix, out: Matrix, delicate: Booleans) -> None:
                 out[row, i] = found[i, j]
             for i in range(int(count[j])):
                 # From a point c that is next to an m-fold root, the roots are about |p / p_m|^(1/m) away, with the
-                # Taylor coefficients p_m at c.
+                # Taylor coefficients p_m at c, which are the derivatives divided by m!.
                 c, value, factorial = points[i, j], 0.0, 1.0
-                for m in range(min(size, 5)):
-                    taylor = 0.0
-                    factorial *= max(m, 1)
-                    for r in range(degree, m - 1, -1):
-                        taylor = taylor * c + p[(degree - m) * SIZE + r - m, j] / factorial
-                    if m == 0:
-                        value = taylor
-                    elif m > 1 and abs(value / taylor) ** (1 / m) < _NEAR * (1 + c * c):
+                near = _NEAR * (1 + c * c)
+                power = near
+                for r in range(degree, -1, -1):
+                    value = value * c + p[degree * SIZE + r, j]
+                for m in range(2, min(size, 5)):
+                    derivative = 0.0
+                    factorial *= m
+                    power *= near
+                    for r in range(degree - m, -1, -1):
+                        derivative = derivative * c + p[(degree - m) * SIZE + r, j]
+                    if abs(value) * factorial < abs(derivative) * power:
                         delicate[row] = True

@@ -10,6 +10,7 @@ from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.checks import check_finite
 from tensegrity_envs.mechanics.polynomials import real_roots, turned_product
 from tensegrity_envs.mechanics.roots import circle_roots
+from tensegrity_envs.mechanics.sorting import order_within
 from tensegrity_envs.mechanics.two_x import curve
 from tensegrity_envs.mechanics.two_x.curve import SAMPLES, beyond_joint_1, from_anomaly, off_curve, second_angle
 from tensegrity_envs.mechanics.two_x.kinematics import TwoXKinematics
@@ -84,15 +85,16 @@ def solve(
     keep = (residual < rounding) & arm.is_within_limits((a1, a2))
     if arm.design.joint_limit <= math.pi:  # which leaves the flat poses out
         keep &= np.maximum(np.abs(a1), np.abs(a2)) < math.pi - 1e-9
-    order = np.lexsort((residual[keep], owner[keep]) if equal_bars else (a2[keep], a1[keep], owner[keep]))
-    owner, a1, a2, residual = (values[keep][order] for values in (owner, a1, a2, residual))
+    owner, a1, a2, residual = (values[keep] for values in (owner, a1, a2, residual))
+    order = np.lexsort((residual, owner)) if equal_bars else order_within(owner, a1, a2)
+    owner, a1, a2, residual = (values[order] for values in (owner, a1, a2, residual))
     if equal_bars:
         new = _leaders(arm, x, y, owner, a1, a2, residual)
     else:
         new = _new_solutions(arm, x, y, owner, a1, a2, residual)
     kept = np.flatnonzero(new)
     if equal_bars:
-        kept = kept[np.lexsort((a2[kept], a1[kept], owner[kept]))]
+        kept = kept[order_within(owner[kept], a1[kept], a2[kept])]
     return owner[kept], (a1[kept], a2[kept]), residual[kept]
 
 
