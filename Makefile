@@ -10,7 +10,7 @@ BIN := .venv/bin
 .PHONY: compare test test-all check bench benchmark who-wins analyze film docs install clean
 
 compare: .venv/installed
-	$(BIN)/python scripts/compare.py --env $(ENV)
+	$(BIN)/python scripts/compare.py $(ENV)
 
 test: .venv/installed
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
@@ -41,7 +41,7 @@ analyze: .venv/installed
 	$(BIN)/python scripts/analyze.py spatial-prism
 
 film: .venv/installed
-	$(BIN)/python scripts/compare.py --env TwoXReach-v0
+	$(BIN)/python scripts/compare.py TwoXReach-v0
 	cp results/TwoXReach-v0/side_by_side.gif docs/pictures/side_by_side.gif
 
 docs: .venv/docs-installed

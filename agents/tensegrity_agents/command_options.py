@@ -17,17 +17,37 @@ from tensegrity_agents import env_options
 from tensegrity_agents.config import ConfigError, Experiment, known_env, load_experiment
 from tensegrity_agents.console import checked_folder, say
 from tensegrity_agents.yaml_file import read_yaml
+from tensegrity_envs.registration import ENTRIES
 
-# The options that several scripts have. Typer's help takes square brackets for markup, so defaults that are computed
+
+def completed_ids(incomplete: str) -> list[tuple[str, str]]:
+    """Ids that begin like what was typed, with what they are, for the shell."""
+    begun = incomplete.removeprefix("tensegrity/")
+    prefix = incomplete[: len(incomplete) - len(begun)]
+    known = {env_options.short_name(entry.id): entry.summary for entry in ENTRIES}
+    return [(prefix + name, summary) for name, summary in known.items() if name.startswith(begun)]
+
+
+# The options that several commands have. Typer's help takes square brackets for markup, so defaults that are computed
 # are described by `show_default`.
 Config = Annotated[Path | None, typer.Option(help="YAML file, such as configs/two_x_reach.yaml")]
+EnvArgument = Annotated[
+    str | None,
+    typer.Argument(
+        help="id, such as TwoXReach-v0, or of your own as module:id",
+        autocompletion=completed_ids,
+        show_default=False,
+    ),
+]
+EnvOption = Annotated[str | None, typer.Option(help="the same as ENVIRONMENT", autocompletion=completed_ids)]
 EnvOfConfig = Annotated[
     str | None,
     typer.Option(
-        help="take the config in configs/ for this id, such as TwoXTensionReach-v0", show_default="TwoXReach-v0"
+        help="the same as ENVIRONMENT: take the config in configs/ for this id",
+        autocompletion=completed_ids,
+        show_default="TwoXReach-v0",
     ),
 ]
-EnvArgument = Annotated[str | None, typer.Argument(help="the same as --env", show_default=False)]
 Out = Annotated[
     Path | None,
     typer.Option(
@@ -38,6 +58,7 @@ Out = Annotated[
 Seeds = Annotated[
     str | None, typer.Option(help="training seeds, such as 0,1,2,3,4", show_default="those of the config")
 ]
+Json = Annotated[bool, typer.Option("--json", help="as JSON, for machines; all else goes to standard error")]
 Fresh = Annotated[bool, typer.Option("--fresh", help="train anew even where an agent or a checkpoint is there")]
 Design = Annotated[
     str | None,
@@ -158,6 +179,36 @@ class EnvironmentOptions:
 
 
 @dataclass
+class EnvironmentChoice:
+    """The environment, as an argument or an option."""
+
+    environment: EnvArgument = None
+    env: EnvOption = None
+
+    def named(self, default: str) -> str:
+        """The full id of what was named.
+
+        Args:
+            default: id, if nothing was.
+
+        Raises:
+            ConfigError: both were given, or there is none of this name.
+        """
+        return known_env(one_of(self.environment, self.env) or default)
+
+
+def one_of(environment: str | None, env: str | None) -> str | None:
+    """The environment's name as an argument or an option.
+
+    Raises:
+        ConfigError: both were given.
+    """
+    if environment is not None and env is not None:
+        raise ConfigError(f"{environment} and --env {env}: give one of them")
+    return environment if env is None else env
+
+
+@dataclass
 class ExperimentOptions:
     """The options that choose an experiment and the folder of its results."""
 
@@ -181,9 +232,7 @@ class ExperimentOptions:
         changes = {name: value for name, value in changes.items() if value is not None} | options.parsed()
         if self.seeds is not None:
             changes["seeds"] = parse_seeds(self.seeds)
-        if self.environment is not None and self.env is not None:
-            raise ConfigError(f"{self.environment} and --env {self.env}: give one of them")
-        experiment = find_experiment(self.config, self.environment or self.env)
+        experiment = find_experiment(self.config, one_of(self.environment, self.env))
         if more := changes.pop("more_controllers", None):
             changes["controllers"] = list(dict.fromkeys([*experiment.compared, *more]))
         experiment = experiment.changed(**changes)
@@ -219,6 +268,26 @@ def shipped_configs() -> Path:
     return inside if inside.is_dir() else Path(__file__).parents[2] / "configs"
 
 
+def shipped_ids() -> list[str]:
+    """The ids for which a config comes with the package."""
+    return list(_configs_in([shipped_configs()])[0])
+
+
+def _configs_in(folders: list[Path]) -> tuple[dict[str, Path], list[str]]:
+    """The configs of some folders by id, of several for one the first; and what is wrong with those that are none."""
+    found: dict[str, Path] = {}
+    unreadable = []
+    for path in [path for place in folders for path in sorted(place.glob("*.yaml"))]:
+        try:
+            given = str(read_yaml(path, "env: TwoXReach-v0").get("env"))
+        except ConfigError as error:
+            unreadable.append(str(error))
+            continue
+        bare = given.rpartition(":")[2]
+        found.setdefault(bare if "/" in bare else f"tensegrity/{bare}", path)
+    return found, unreadable
+
+
 def find_experiment(config: Path | None, env: str | None, folder: Path | None = None) -> Experiment:
     """The experiment of a config file, or of the config whose environment is `env`.
 
@@ -236,17 +305,8 @@ def find_experiment(config: Path | None, env: str | None, folder: Path | None = 
             raise ConfigError(f"--config {config} is for {experiment.env}, --env says {env}: give one of them")
         return experiment
     wanted = known_env(env or "TwoXReach-v0")
-    found: dict[str, Path] = {}
-    unreadable = []
     folders = [Path("configs"), shipped_configs()] if folder is None else [folder]
-    for path in [path for place in folders for path in sorted(place.glob("*.yaml"))]:  # of several, the first
-        try:
-            given = str(read_yaml(path, "env: TwoXReach-v0").get("env"))
-        except ConfigError as error:
-            unreadable.append(str(error))
-            continue
-        bare = given.rpartition(":")[2]
-        found.setdefault(bare if "/" in bare else f"tensegrity/{bare}", path)
+    found, unreadable = _configs_in(folders)
     if wanted not in found:
         there = ", ".join(found) or "nothing"
         notes = "".join(f"\n  {note}" for note in unreadable)

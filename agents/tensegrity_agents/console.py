@@ -1,9 +1,13 @@
-"""What the scripts share: groups of options, progress bars, errors in one message, from options to an experiment."""
+"""What all commands share: progress bars, output for machines, errors in one message, exit codes."""
 
+import errno
+import json as json_format
+import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import typer
 from rich.console import Console
@@ -20,12 +24,19 @@ from rich.progress import (
 from tensegrity_agents.config import ConfigError
 from tensegrity_agents.controllers import BASELINES, DYNAMIC
 from tensegrity_agents.interrupt import as_usual
-from tensegrity_agents.sb3.training import TrainingError, TrainingInterruptedError
+from tensegrity_agents.sb3.errors import TrainingError, TrainingInterruptedError
 from tensegrity_envs.rendering import DisplayError
 
 console = Console()
 if not console.is_terminal:  # a file or a pipe has room for the whole table
     console = Console(width=110)
+errors = Console(stderr=True)
+
+# Exit codes. Beside these, a run that a signal ends has 128 + its number: 130 after Ctrl-C.
+FAILURE, SLIP = 1, 2
+_OF_EXTRAS = ("mujoco", "onnx", "onnxruntime", "onnxscript", "minari", "h5py", "optuna")  # whose absence is a slip
+# What no other command line mends: a full or broken disk, too little memory, too many files open.
+_FAILURES = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.ENOMEM, errno.EMFILE, errno.ENFILE}
 
 GO_ON = "run the same command again to go on from the last checkpoint"
 AGAIN = "run the same command again to begin anew"
@@ -65,8 +76,35 @@ def say(text: str) -> None:
 
 
 @contextmanager
+def for_machines(json: bool) -> Iterator[None]:
+    """With `json`, whatever is said meanwhile goes to standard error: standard output is what `tell_json` writes."""
+    before, console.stderr = console.stderr, console.stderr or json
+    try:
+        yield
+    finally:
+        console.stderr = before
+
+
+def tell_json(value: Any) -> None:
+    """Print a value as JSON, which knows neither NaN nor infinity: they become null."""
+    typer.echo(json_format.dumps(_finite(value), indent=2))
+
+
+def _finite(value: Any) -> Any:
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@contextmanager
 def clear_errors(after_interrupt: str = AGAIN) -> Iterator[None]:
-    """Turn errors that the user can mend into one message and exit code 2; an interrupt says how to go on.
+    """Turn errors into one message and an exit code: 2 where another command line mends it, 1 where it does not.
+
+    An interrupt says how to go on. Faults of the program stay what they are; Python makes them exit code 1, too.
 
     Args:
         after_interrupt: what to do then.
@@ -75,17 +113,17 @@ def clear_errors(after_interrupt: str = AGAIN) -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        if error.name != "mujoco":  # which an extra brings; anything else is a fault of ours
+        if error.name not in _OF_EXTRAS:
             raise
         _fail(str(error))
-        raise typer.Exit(2) from error
+        raise typer.Exit(SLIP) from error
     except (TrainingError, ValueError, DisplayError) as error:  # config and policy errors are ValueErrors
         _fail(str(error))
-        raise typer.Exit(2) from error
+        raise typer.Exit(SLIP) from error
     except OSError as error:
         named = f"{error.filename}: " if error.filename is not None else ""
         _fail(f"{named}{error.strerror or error}")
-        raise typer.Exit(2) from error
+        raise typer.Exit(FAILURE if error.errno in _FAILURES else SLIP) from error
     except TrainingInterruptedError as error:
         say(f"{error}: run the same command again to go on from there")
         raise typer.Exit(128 + error.number) from error
@@ -95,8 +133,8 @@ def clear_errors(after_interrupt: str = AGAIN) -> Iterator[None]:
 
 
 def _fail(message: str) -> None:
-    console.print("error:", style="bold red", end=" ")
-    say(message)
+    errors.print("error:", style="bold red", end=" ")
+    errors.print(message, markup=False, highlight=False, soft_wrap=True)
 
 
 def checked_folder(path: Path, option: str) -> Path:

@@ -1,19 +1,22 @@
 """The program `tensegrity`: every subcommand, slips, what machines read, and the policies that come with it."""
 
+import errno
 import json
+import math
+import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
+import typer
 from typer.testing import CliRunner
 
 import tensegrity_envs
 from tensegrity_agents.command import SUBCOMMANDS
-from tensegrity_agents.command.play import action_of
-from tensegrity_agents.command.program import app
-from tensegrity_agents.command_options import find_experiment, shipped_configs
+from tensegrity_agents.command.program import app, load
+from tensegrity_agents.command_options import completed_ids, find_experiment, shipped_configs
 from tensegrity_agents.config import ConfigError
+from tensegrity_agents.console import clear_errors, tell_json
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.pretrained import FOLDER, load_pretrained, pretrained_ids
 from tensegrity_envs.seeding import TEST_SEED
@@ -21,12 +24,18 @@ from tensegrity_envs.seeding import TEST_SEED
 PROGRAM = "from tensegrity_agents.command import run; run()"
 
 
+def done(*arguments):
+    """What became of a command; an exception of ours is raised."""
+    result = CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200", "TERMINAL_WIDTH": "200"})
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
 def run(*arguments):
     """The exit code, and all that was printed."""
-    done = CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200", "TERMINAL_WIDTH": "200"})
-    if done.exception is not None and not isinstance(done.exception, SystemExit):
-        raise done.exception
-    return done.exit_code, done.output
+    result = done(*arguments)
+    return result.exit_code, result.output
 
 
 def test_help_lists_every_subcommand_and_loads_no_torch():
@@ -49,7 +58,103 @@ def test_list_tells_every_environment():
     assert code == 0
     assert [row["id"] for row in rows] == list(tensegrity_envs.ENV_IDS)
     assert all(row["baselines"] and row["max_episode_steps"] > 0 for row in rows)
-    assert run("list")[0] == 0
+    code, text = run("list")
+    assert code == 0
+    for row in rows:
+        (line,) = [one for one in text.splitlines() if one.startswith(row["id"].removeprefix("tensegrity/") + " ")]
+        assert row["summary"] in line and ", ".join(row["baselines"]) in line
+
+
+@pytest.mark.parametrize("name", ["TwoXPayloadReach-v0", "tensegrity/TwoXPayloadReach-v0"])
+def test_list_tells_all_about_one(name):
+    code, text = run("list", name, "--json")
+    row = json.loads(text)
+    assert (code, row["id"], row["tolerance"]) == (0, "tensegrity/TwoXPayloadReach-v0", 0.005)
+    assert set(row["observed"]) == {"tip", "tensions"}
+    assert row["an_action_of_1"] == "moves the cable tensions by 15 N in a step"
+    code, text = run("list", name)
+    assert code == 0
+    assert "position of the tip [m]" in text and "tensegrity compare TwoXPayloadReach-v0" in text
+
+
+WITH_AN_ENVIRONMENT = ("train", "compare", "evaluate", "transfer", "tune", "watch", "play")
+
+
+@pytest.mark.parametrize("name", WITH_AN_ENVIRONMENT)
+@pytest.mark.parametrize("words", ["TwoXReach-v0", "tensegrity/TwoXReach-v0", "--env TwoXReach-v0"])
+def test_the_environment_is_an_argument_everywhere_and_may_be_an_option(name, words):
+    command = load(name)
+    context = command.make_context(name, words.split())
+    given = context.params["environment"] or context.params["env"]
+    assert given == words.split()[-1]
+    assert {parameter.name for parameter in command.params} >= {"environment", "env"}
+
+
+def test_ids_complete_with_and_without_their_namespace():
+    names = [name for name, _ in completed_ids("TwoXP")]
+    assert names == ["TwoXPayloadReach-v0", "TwoXPostureChange-v0", "TwoXPayloadReachUncertain-v0"]
+    assert [name for name, _ in completed_ids("tensegrity/TwoXP")] == [f"tensegrity/{name}" for name in names]
+    assert len(completed_ids("")) == len(tensegrity_envs.ENV_IDS)
+
+
+@pytest.mark.parametrize("typed", ["compare TwoXPo", "evaluate --env TwoXPo", "list TwoXPo", "compile TwoXPo"])
+def test_a_shell_completes_ids_without_waiting_for_torch(typed):
+    words = f"tensegrity {typed}"
+    asked = {"_TENSEGRITY_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    code = f"import sys\ntry:\n    {PROGRAM}\nfinally:\n    print('torch' in sys.modules)"
+    shown = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, env={**os.environ, **asked}
+    )
+    assert shown.stdout.split() == ["TwoXPostureChange-v0", "False"], shown.stderr
+
+
+def test_json_is_all_that_standard_output_has(tmp_path):
+    told = done("evaluate", "TwoXReach-v0", "--controller", "closed_form_ik", "--episodes", "3", "--json")
+    (row,) = json.loads(told.stdout)
+    assert (told.exit_code, row["controller"], row["episodes"]) == (0, "closed_form_ik", 3)
+    assert row["score"] is None  # the task has none, and JSON no NaN
+    config = tmp_path / "config.yaml"
+    config.write_text(
+        "env: TwoXReach-v0\nepisodes: 3\ncontrollers: [closed_form_ik]\n"
+        "train: {total_timesteps: 64, net_arch: [4], ppo: {num_envs: 4, n_steps: 8}}\n"
+    )
+    told = done("compare", "--config", str(config), "--out", str(tmp_path / "out"), "--json")
+    assert (told.exit_code, [row["kind"] for row in json.loads(told.stdout)]) == (0, ["agent", "baseline"])
+    assert "report:" in told.stderr
+    told = done("matrix", "--records", str(shipped_configs().parent / "records"), "--out", str(tmp_path), "--json")
+    if told.exit_code == 0:  # the records are no part of a wheel
+        assert all(row["wins"] in ("agent", "controller", "level", "\N{EN DASH}") for row in json.loads(told.stdout))
+    told = done("analyze", "planar-four-bar", "--out", str(tmp_path / "analysis"), "--json")
+    assert told.exit_code == 0
+    assert all(numbers for numbers in json.loads(told.stdout).values())
+
+
+def test_json_knows_no_nan(capsys):
+    tell_json({"a": [math.nan, 1.0, (math.inf,)], "b": "x"})
+    assert json.loads(capsys.readouterr().out) == {"a": [None, 1.0, [None]], "b": "x"}
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (ValueError("a slip"), 2),
+        (ConfigError("a slip"), 2),
+        (FileNotFoundError(errno.ENOENT, "no such file", "x"), 2),
+        (OSError(errno.ENOSPC, "no space left", "x"), 1),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_exit_codes_tell_slips_from_failures(error, code):
+    with pytest.raises(typer.Exit) as ended, clear_errors():
+        raise error
+    assert ended.value.exit_code == code
+
+
+def test_faults_of_the_program_are_not_hidden():
+    with pytest.raises(ZeroDivisionError), clear_errors():
+        raise ZeroDivisionError
+    with pytest.raises(ModuleNotFoundError), clear_errors():
+        import tensegrity_envs.no_such_module  # noqa: F401
 
 
 def without_mujoco(*words):
@@ -81,6 +186,8 @@ def test_without_mujoco_the_rest_is_compiled():
         ("play TwoX", "did you mean"),
         ("compare TwoXReach", "did you mean tensegrity/TwoXReach-v0"),
         ("train TwoXReach-v0 --env TwoXReach-v0", "give one of them"),
+        ("evaluate TwoXReach-v0 --env TwoXReach-v0", "give one of them"),
+        ("list TwoXReach", "did you mean tensegrity/TwoXReach-v0"),
     ],
 )
 def test_a_slip_is_one_message(arguments, answer, tmp_path):
@@ -95,6 +202,13 @@ def test_watch_films_the_shipped_policy(tmp_path):
     assert (code, film.stat().st_size > 10_000) == (0, True)
     assert "shipped policy" in text
     assert "seed 3: on target" in text
+
+
+def test_watch_writes_mp4(tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
+    film = tmp_path / "film.mp4"
+    code, _ = run("watch", "--env", "TwoXPostureChange-v0", "--record", str(film), "--episodes", "1")
+    assert (code, film.read_bytes()[4:8]) == (0, b"ftyp")
 
 
 @pytest.mark.parametrize("name", ["play", "watch"])
@@ -119,10 +233,6 @@ def test_what_needs_mujoco_says_so_where_it_is_missing(monkeypatch):
     code, text = run("watch", "TwoXTensionReachMuJoCo-v0", "--record", "film.gif")
     assert code == 2
     assert "tensegrity-envs[mujoco]" in text
-
-
-def test_keys_become_actions():
-    np.testing.assert_allclose(action_of({"right", "down"}.__contains__, 3, 0.3), [0.3, -0.3, 0.0], rtol=1e-6)
 
 
 def test_configs_come_with_the_package(tmp_path, monkeypatch):

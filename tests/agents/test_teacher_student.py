@@ -8,7 +8,7 @@ import torch
 from tensegrity_agents.config import ConfigError, Experiment
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
-from tensegrity_agents.sb3.checkpoint import TrainingError
+from tensegrity_agents.sb3.errors import TrainingError
 from tensegrity_agents.sb3.history import History
 from tensegrity_agents.sb3.policy_file import load_policy
 from tensegrity_agents.sb3.teacher_student import Lessons, Teacher

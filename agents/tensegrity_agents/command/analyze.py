@@ -9,7 +9,16 @@ from rich.table import Table
 from rich.text import Text
 
 from tensegrity_agents.analysis import ANALYSES, analyze, as_text, notes_on_designs
-from tensegrity_agents.console import checked_folder, clear_errors, console, progress_bar, say
+from tensegrity_agents.command_options import Json
+from tensegrity_agents.console import (
+    checked_folder,
+    clear_errors,
+    console,
+    for_machines,
+    progress_bar,
+    say,
+    tell_json,
+)
 
 NAMED = "; ".join(f"{name}: {', '.join(analysis.designs)}" for name, analysis in ANALYSES.items())
 
@@ -27,19 +36,22 @@ def main(
     out: Annotated[
         Path | None, typer.Option(help="results folder", show_default="results/analysis/<mechanism>")
     ] = None,
+    json: Json = False,
 ) -> None:
     """Write figures (PNG, SVG, PDF), a table of numbers, a page for browsing (HTML) and, where the mechanism has them,
     regions (GeoJSON), for each design.
 
     Example: tensegrity analyze two-x --design muralidharan2022,payload=0.5
     """
-    with clear_errors():
+    with for_machines(json), clear_errors():
         folder = checked_folder(out or Path("results") / "analysis" / mechanism, "--out")
         for note in notes_on_designs(mechanism, design or []):
             say(note)
         begun = time.time() - 1.0
         with progress_bar() as progress:
             numbers = analyze(mechanism, design or [], folder, progress)
+        if json:
+            tell_json(numbers)
         for name, values in numbers.items():
             table = Table("quantity", "value", title=name, title_justify="left")
             for quantity, value in values.items():

@@ -4,9 +4,17 @@ from typing import Annotated
 
 import typer
 
-from tensegrity_agents.command_options import EnvironmentOptions, ExperimentOptions, with_option_groups
-from tensegrity_agents.console import GO_ON, clear_errors, console, list_of_baselines, progress_bar, say
-from tensegrity_agents.experiment import compare
+from tensegrity_agents.command_options import EnvironmentOptions, ExperimentOptions, Json, with_option_groups
+from tensegrity_agents.console import (
+    GO_ON,
+    clear_errors,
+    console,
+    for_machines,
+    list_of_baselines,
+    progress_bar,
+    say,
+    tell_json,
+)
 from tensegrity_agents.reporting.table import print_table, verdict
 
 
@@ -24,19 +32,24 @@ def main(
     episodes: Annotated[
         int | None, typer.Option(min=1, help="test episodes", show_default="as many as the config says, or 1000")
     ] = None,
+    json: Json = False,
 ) -> None:
     """Train (or load) the agents of a config, evaluate them and the controllers on the same test episodes,
     print the table, write the report.
 
     Interrupt it whenever you like: the same command goes on, and agents already trained are not trained again.
 
-    Example: tensegrity compare --env TwoXPayloadReach-v0
+    Example: tensegrity compare TwoXPayloadReach-v0
     """
-    with clear_errors(GO_ON):
+    from tensegrity_agents.experiment import compare  # Torch, which completions need not wait for
+
+    with for_machines(json), clear_errors(GO_ON):
         experiment, folder = chosen.chosen(options, episodes=episodes, more_controllers=controller)
         say(f"{experiment.env}: {len(experiment.seeds)} agent(s), {experiment.episodes} test episodes -> {folder}/")
         with progress_bar() as progress:
             found = compare(experiment, folder, progress, chosen.fresh)
+        if json:
+            tell_json(found.rows)
         print_table(found.rows, console)
         console.print(verdict(found.rows))
         say(

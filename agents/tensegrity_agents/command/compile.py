@@ -6,6 +6,7 @@ from typing import Annotated
 import gymnasium as gym
 import typer
 
+from tensegrity_agents.command_options import completed_ids
 from tensegrity_agents.config import known_env
 from tensegrity_agents.console import clear_errors, say
 from tensegrity_envs import ENV_IDS, compile_all
@@ -13,7 +14,10 @@ from tensegrity_envs import ENV_IDS, compile_all
 
 def main(
     env: Annotated[
-        list[str] | None, typer.Argument(help="ids, such as TwoXReach-v0", show_default="all that can be made")
+        list[str] | None,
+        typer.Argument(
+            help="ids, such as TwoXReach-v0", autocompletion=completed_ids, show_default="all that can be made"
+        ),
     ] = None,
 ) -> None:
     """Compile what environments need, and keep it in the cache (see TENSEGRITY_CACHE_DIR).

@@ -5,17 +5,24 @@ from typing import Annotated
 
 import typer
 
-from tensegrity_agents.command_options import EnvironmentOptions, with_option_groups
-from tensegrity_agents.config import known_env
-from tensegrity_agents.console import checked_file, clear_errors, console, list_of_baselines, progress_bar, say
-from tensegrity_agents.experiment import evaluate_named
+from tensegrity_agents.command_options import EnvironmentChoice, EnvironmentOptions, Json, with_option_groups
+from tensegrity_agents.console import (
+    checked_file,
+    clear_errors,
+    console,
+    for_machines,
+    list_of_baselines,
+    progress_bar,
+    say,
+    tell_json,
+)
 from tensegrity_agents.reporting.table import print_table, summary_rows
 
 
 @with_option_groups
 def main(
+    chosen: EnvironmentChoice,
     options: EnvironmentOptions,
-    env: Annotated[str, typer.Option(help="environment, such as TwoXReach-v0")] = "TwoXReach-v0",
     controller: Annotated[
         list[str] | None,
         typer.Option(
@@ -28,6 +35,7 @@ def main(
     episodes: Annotated[int, typer.Option(min=1, help="how many")] = 1000,
     split: Annotated[str, typer.Option(help="test, or validation for tuning")] = "test",
     csv: Annotated[Path | None, typer.Option(help="write one row per episode")] = None,
+    json: Json = False,
 ) -> None:
     """Evaluate controllers on the same held-out episodes and print the table.
 
@@ -36,10 +44,12 @@ def main(
     CONTRIBUTING.md.
 
     Example:
-    tensegrity evaluate --env TwoXPayloadReach-v0 --controller observer --controller my_module:MyController
+    tensegrity evaluate TwoXPayloadReach-v0 --controller observer --controller my_module:MyController
     """
-    with clear_errors():
-        env_id = known_env(env)
+    from tensegrity_agents.experiment import evaluate_named  # Torch, which completions need not wait for
+
+    with for_machines(json), clear_errors():
+        env_id = chosen.named("TwoXReach-v0")
         if csv is not None:
             checked_file(csv, "--csv")
         given = options.checked(env_id)
@@ -47,4 +57,8 @@ def main(
             runs = evaluate_named(
                 env_id, controller or [], policy or [], given, episodes, split, progress, csv, remark=say
             )
-        print_table(summary_rows(runs), console)
+        rows = summary_rows(runs)
+        if json:
+            tell_json(rows)
+        else:
+            print_table(rows, console)

@@ -1,15 +1,16 @@
 """The environments: id, what they are, spaces, baselines."""
 
-import json as json_format
-from typing import Annotated, Any
+from typing import Any
 
 import gymnasium as gym
-import typer
 from rich.table import Table
 from rich.text import Text
 
-from tensegrity_agents.console import clear_errors, console, say
+from tensegrity_agents.command_options import EnvArgument, Json, shipped_ids
+from tensegrity_agents.config import known_env
+from tensegrity_agents.console import clear_errors, console, for_machines, say, tell_json
 from tensegrity_agents.controllers import baselines_of
+from tensegrity_agents.env_options import short_name
 from tensegrity_agents.pretrained import pretrained_ids
 from tensegrity_envs.registration import ENTRIES
 
@@ -39,30 +40,91 @@ def described(env_id: str, summary: str) -> dict[str, Any]:
     }
 
 
-def main(
-    json: Annotated[bool, typer.Option("--json", help="as JSON, for machines")] = False,
-) -> None:
-    """List the environments: id, what they are, sizes of actions and observations, baselines, shipped policies.
+def detailed(row: dict[str, Any]) -> dict[str, Any]:
+    """The same, and what the numbers mean, for one environment whose packages are there."""
+    core: Any = gym.make(row["id"], disable_env_checker=True).unwrapped.core  # type: ignore[attr-defined]
+    simulation, schema = core.simulation, core.schema
+    moved = "joint angles" if core.control == "joint" else schema.fields[core.input_name].meaning
+    return row | {
+        "an_action_of_1": f"moves the {moved} by {simulation.rate:.5g} {simulation.rate_unit} in a step",
+        "observed": {name: f"{field.meaning} [{field.unit}]" for name, field in schema.fields.items()},
+        "goal": schema.fields[core.goal_name].meaning,
+        "tolerance": float(core.task.tolerance),
+        "tolerance_unit": "m" if core.error_unit == "mm" else "rad",
+        "reward": type(core.task.weights).__name__,
+        "randomizable": list(core.randomizable),
+        "config": row["id"] in shipped_ids(),
+    }
 
-    Example: tensegrity list
+
+def main(
+    environment: EnvArgument = None,
+    json: Json = False,
+) -> None:
+    """List the environments, one line for each: id, sizes of actions and observations, what it is, baselines.
+
+    With an id, tell all about that one.
+
+    Example: tensegrity list, or tensegrity list TwoXReach-v0
     """
-    with clear_errors():
-        rows = [described(entry.id, entry.summary) for entry in ENTRIES]
-        if json:
-            typer.echo(json_format.dumps(rows, indent=2))
+    with for_machines(json), clear_errors():
+        summaries = {entry.id: entry.summary for entry in ENTRIES}
+        if environment is not None:
+            env_id = known_env(environment)
+            row = described(env_id, summaries.get(env_id, "an environment of your own"))
+            row = row if row["needs"] else detailed(row)
+            if json:
+                tell_json(row)
+            else:
+                tell_one(row)
             return
-        table = Table("id", "what it is", "action", "observation", "steps", "baselines", "policy")
-        for row in rows:
-            sizes = " + ".join(str(size[0]) for size in row["observation"].values()) or "?"
-            table.add_row(
-                Text(row["id"].removeprefix("tensegrity/")),
-                Text(row["summary"]),
-                str(row["action"][0]) if row["action"] else "?",
-                sizes,
-                str(row["max_episode_steps"]),
-                Text(", ".join(row["baselines"])),
-                "yes" if row["policy"] else "",
-            )
-        console.print(table)
-        for needs in dict.fromkeys(row["needs"] for row in rows if row["needs"]):
-            say(f"?: {needs}")
+        rows = [described(env_id, summary) for env_id, summary in summaries.items()]
+        if json:
+            tell_json(rows)
+            return
+        tell_all(rows)
+
+
+def tell_all(rows: list[dict[str, Any]]) -> None:
+    """One line for each environment; a terminal cuts off what has no room, a file or a pipe nothing."""
+    lines = [("id", "action", "observation", "steps", "policy", "what it is", "baselines")]
+    lines += [
+        (
+            short_name(row["id"]),
+            str(row["action"][0]) if row["action"] else "?",
+            "+".join(str(size[0]) for size in row["observation"].values()) or "?",
+            str(row["max_episode_steps"]),
+            "yes" if row["policy"] else "",
+            row["summary"],
+            ", ".join(row["baselines"]),
+        )
+        for row in rows
+    ]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+    for line in lines:
+        text = "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        room = console.width if console.is_terminal else len(text)
+        say(text if len(text) <= room else text[: room - 1] + "…")
+    for needs in dict.fromkeys(row["needs"] for row in rows if row["needs"]):
+        say(f"?: {needs}")
+    say("observation: sizes of achieved_goal + desired_goal + observation. All about one: tensegrity list ID")
+
+
+def tell_one(row: dict[str, Any]) -> None:
+    """All about one environment."""
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column()
+    for key, value in row.items():
+        shown: Any = value
+        if isinstance(value, dict):
+            shown = "\n".join(f"{name}: {one[0] if isinstance(one, list) else one}" for name, one in value.items())
+        elif isinstance(value, list):
+            shown = ", ".join(str(one) for one in value)
+        elif isinstance(value, bool):
+            shown = "yes" if value else "no"
+        if shown != "":
+            table.add_row(key.replace("_", " "), Text(str(shown)))
+    console.print(table)
+    name = short_name(row["id"])
+    say(f"\ntensegrity watch {name}    tensegrity play {name}    tensegrity compare {name}")

@@ -5,22 +5,24 @@ from typing import Annotated
 
 import typer
 
+from tensegrity_agents.command_options import Json
 from tensegrity_agents.config import ConfigError
-from tensegrity_agents.console import checked_folder, clear_errors, say
+from tensegrity_agents.console import checked_folder, clear_errors, for_machines, say, tell_json
 from tensegrity_agents.evaluation.records import read_records
-from tensegrity_agents.reporting.matrix import matrix_figure, matrix_to_markdown, uncertainty_figure
+from tensegrity_agents.reporting.matrix import matrix_figure, matrix_rows, matrix_to_markdown, uncertainty_figure
 from tensegrity_agents.reporting.style import save
 
 
 def main(
     records: Annotated[Path, typer.Option(help="folder of the rows that `tensegrity campaign` kept")] = Path("records"),
     out: Annotated[Path, typer.Option(help="folder of the table and the figures")] = Path("results/matrix"),
+    json: Json = False,
 ) -> None:
     """Write who wins where: matrix.md and who_wins (ids by controllers), uncertainty (success by level).
 
     Example: tensegrity matrix --records records --out results/matrix
     """
-    with clear_errors():
+    with for_machines(json), clear_errors():
         checked_folder(out, "--out")
         found = read_records(records)
         if not found:
@@ -29,6 +31,8 @@ def main(
         text = matrix_to_markdown(found)
         (out / "matrix.md").write_text(text)
         say(text)
+        if json:
+            tell_json(matrix_rows(found))
         say(str(save(matrix_figure(found), out / "who_wins")))
         if any(len(record.successes) > 1 for group in found.values() for record in group):
             say(str(save(uncertainty_figure(found), out / "uncertainty")))

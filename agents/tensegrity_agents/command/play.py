@@ -1,21 +1,69 @@
-"""Drive an arm by keyboard."""
+"""Drive an arm by keyboard and mouse."""
 
-from typing import Annotated, Any
+from collections.abc import Callable
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import gymnasium as gym
 import numpy as np
 import typer
 
-from tensegrity_agents.command_options import EnvironmentOptions, with_option_groups
-from tensegrity_agents.config import known_env
+from tensegrity_agents.command_options import EnvironmentChoice, EnvironmentOptions, with_option_groups
 from tensegrity_agents.console import clear_errors, say
+from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.evaluation.player import Player
 from tensegrity_envs import termination_reason
+from tensegrity_envs.rendering import Scene, View, Viewer
 
 # Pairs of keys for the components of an action: less and more.
 KEYS = (("left", "right"), ("down", "up"), ("a", "d"), ("s", "w"), ("f", "h"), ("g", "t"))
+_FOLLOWER = "pseudo_inverse"  # the baseline that moves the tip after the mouse
+_FPS = 20
 
 
-def action_of(pressed: Any, size: int, speed: float) -> np.ndarray:
+class Pointer(NamedTuple):
+    """The mouse.
+
+    Attributes:
+        place: in the window (to the right, down) [pixels].
+        left: whether its left button is pressed.
+        right: likewise.
+    """
+
+    place: tuple[float, float]
+    left: bool
+    right: bool
+
+
+class Hands(Protocol):
+    """What the person at the keyboard does."""
+
+    def pressed(self, key: str) -> bool:
+        """Whether a key is pressed, by its name."""
+        ...
+
+    def pointer(self) -> Pointer:
+        """The mouse."""
+        ...
+
+
+class PygameHands:
+    """Keyboard and mouse, as pygame's window has them."""
+
+    def pressed(self, key: str) -> bool:
+        """See `Hands`."""
+        import pygame
+
+        return bool(pygame.key.get_pressed()[pygame.key.key_code(key)])
+
+    def pointer(self) -> Pointer:
+        """See `Hands`."""
+        import pygame
+
+        left, _, right = pygame.mouse.get_pressed(3)
+        return Pointer(pygame.mouse.get_pos(), left, right)
+
+
+def action_of(pressed: Callable[[str], bool], size: int, speed: float) -> np.ndarray:
     """The action of the keys that are pressed.
 
     Args:
@@ -27,45 +75,72 @@ def action_of(pressed: Any, size: int, speed: float) -> np.ndarray:
     return np.array(values, np.float32)
 
 
+def place_of(scene: Scene, size: tuple[int, int], pixel: tuple[float, float]) -> np.ndarray:
+    """What is in the window at a pixel, shape (2,) [m]."""
+    view = View(size, scene.reach, 1, (float(scene.centre[0]), float(scene.centre[1])))
+    return np.array(view.point(pixel))
+
+
 @with_option_groups
 def main(
+    chosen: EnvironmentChoice,
     options: EnvironmentOptions,
-    env: Annotated[str, typer.Argument(help="environment, such as TwoXReach-v0")] = "TwoXReach-v0",
     seed: Annotated[int, typer.Option(min=0, help="of the first episode")] = 0,
     speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="action of a pressed key")] = 0.3,
 ) -> None:
-    """Drive an arm by keyboard; the window shows target and margins.
+    """Drive an arm: the keys move its inputs, the left mouse button draws its tip, the right one moves its target.
+
+    The window shows target, tensions and margins. In space, and where angles are the goal, there are the keys alone.
+    ENVIRONMENT is TwoXReach-v0 if it is left out.
 
     Example: tensegrity play TwoXTensionReach-v0
     """
     with clear_errors("good bye"):
-        env_id = known_env(env)
+        env_id = chosen.named("TwoXReach-v0")
         given = options.checked(env_id)
-        made = gym.make(env_id, render_mode="human", max_episode_steps=-1, **given)
+        env: Any = gym.make(env_id, render_mode="rgb_array", max_episode_steps=-1, **given)
+        viewer = Viewer(env.unwrapped.render_size, f"tensegrity play {env_id}")
         try:
-            drive(made, seed, speed)
+            drive(Player(env, make_controller(_FOLLOWER, env_id, given)), viewer, PygameHands(), seed, speed)
         finally:
-            made.close()
+            viewer.close()
+            env.close()
 
 
-def drive(env: Any, seed: int, speed: float) -> None:
-    """Step with the keys until the window is closed or Escape is pressed; R begins another episode."""
-    _, info = env.reset(seed=seed)
-    import pygame
-
-    core, size = env.unwrapped.core, env.action_space.shape[0]
+def drive(player: Player, viewer: Viewer, hands: Hands, seed: int, speed: float) -> None:
+    """Step with keys and mouse until the window is closed or Escape is pressed; R begins another episode."""
+    env, size = player.env.unwrapped, player.env.action_space.shape[0]
+    core = env.core
+    with_mouse = core.goal_name == "tip" and core.observation_space["desired_goal"].shape == (2,)
+    player.begin(seed)
     pairs = ", ".join(f"{less}/{more}" for less, more in KEYS[:size])
-    say(f"keys: {pairs} for the {size} components of the action, R for another episode, Escape to end")
+    mouse = "left mouse button: the tip follows, right: the target does; " if with_mouse else ""
+    say(f"{pairs}: the {size} components of the action; {mouse}R: another episode; Escape: the end")
+    while viewer.show(env.scene(), _FPS) and not hands.pressed("escape"):
+        if hands.pressed("r"):
+            player.begin()
+            continue
+        action, pointer = action_of(hands.pressed, size, speed), hands.pointer()
+        if with_mouse and (pointer.left or pointer.right):
+            place = place_of(env.scene(), env.render_size, pointer.place)
+            if pointer.right:
+                move_target(player, place)
+            else:
+                action = player.action(desired_goal=place.astype(np.float32))
+        player.step(action)
+        if player.ended:
+            error = core.error_text(float(player.info[core.error_name]))
+            say(f"{termination_reason(player.info['failure'])}: {error} off")
+            player.begin()
 
-    def pressed(name: str) -> bool:
-        return bool(pygame.key.get_pressed()[pygame.key.key_code(name)])
 
-    while pygame.display.get_init() and not pressed("escape"):
-        if pressed("r"):
-            _, info = env.reset()
-        _, _, terminated, truncated, info = env.step(action_of(pressed, size, speed))
-        if not env.unwrapped.window_is_open:
-            return
-        if terminated or truncated:
-            say(f"{termination_reason(info['failure'])}: {core.error_text(float(info[core.error_name]))} off")
-            _, info = env.reset()
+def move_target(player: Player, place: np.ndarray) -> bool:
+    """Put the target there, if the arm can go there; whether it can.
+
+    The episode begins anew with the arm as it stands.
+    """
+    try:
+        player.begin(options={"target": place, "configuration": player.info["configuration"]})
+    except ValueError:  # says what cannot be reached
+        return False
+    return True

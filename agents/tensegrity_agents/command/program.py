@@ -16,7 +16,7 @@ SUBCOMMANDS = {
     "transfer": "Score agents and baselines at rest and in motion, made for either.",
     "tune": "Tune an analytic controller on validation episodes.",
     "watch": "Watch a controller or a policy, in a window or on film.",
-    "play": "Drive an arm by keyboard.",
+    "play": "Drive an arm by keyboard and mouse.",
     "analyze": "Draw workspaces, singularities, buckling: figures, regions, numbers.",
     "playground": "Write pages to play with a mechanism in a browser.",
     "compile": "Compile environments ahead of use.",

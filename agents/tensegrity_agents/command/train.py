@@ -5,7 +5,6 @@ A run that was stopped at any moment goes on when the same command is given agai
 
 from tensegrity_agents.command_options import EnvironmentOptions, ExperimentOptions, with_option_groups
 from tensegrity_agents.console import GO_ON, clear_errors, progress_bar, say
-from tensegrity_agents.experiment import train_agents
 
 
 @with_option_groups
@@ -17,8 +16,10 @@ def main(chosen: ExperimentOptions, options: EnvironmentOptions) -> None:
     (the agent without noise on validation episodes) and TensorBoard logs. Interrupt it whenever you like: the same
     command goes on.
 
-    Example: tensegrity train --config configs/two_x_reach.yaml --seeds 0,1,2,3,4
+    Example: tensegrity train TwoXReach-v0, or tensegrity train --config configs/two_x_reach.yaml --seeds 0,1,2,3,4
     """
+    from tensegrity_agents.experiment import train_agents  # Torch, which completions need not wait for
+
     with clear_errors(GO_ON):
         experiment, folder = chosen.chosen(options)
         with progress_bar() as progress:

@@ -4,27 +4,26 @@ from typing import Annotated
 
 import typer
 
-from tensegrity_agents.command_options import EnvironmentOptions, with_option_groups
-from tensegrity_agents.config import known_env
+from tensegrity_agents.command_options import EnvironmentChoice, EnvironmentOptions, with_option_groups
 from tensegrity_agents.console import clear_errors, progress_bar, say
 from tensegrity_agents.evaluation.tuning import tune
 
 
 @with_option_groups
 def main(
+    chosen: EnvironmentChoice,
     options: EnvironmentOptions,
-    env: Annotated[str, typer.Option(help="environment")] = "TwoXPayloadReachUncertain-v0",
     controller: Annotated[str, typer.Option(help="baseline whose class says what is to be tuned")] = "servo",
     episodes: Annotated[int, typer.Option(min=1, help="validation episodes")] = 200,
 ) -> None:
     """Evaluate a controller with every combination of the values that its class has in `tunable`; the best come first.
 
-    Test episodes are not touched.
+    Test episodes are not touched. ENVIRONMENT is TwoXPayloadReachUncertain-v0 if it is left out.
 
-    Example: tensegrity tune --env TwoXPayloadReachUncertain-v0 --controller identifying_observer
+    Example: tensegrity tune TwoXPayloadReachUncertain-v0 --controller identifying_observer
     """
     with clear_errors():
-        env_id = known_env(env)
+        env_id = chosen.named("TwoXPayloadReachUncertain-v0")
         given = options.checked(env_id)
         with progress_bar() as progress:
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -130,6 +130,28 @@ def matrix_to_markdown(records: Mapping[str, Sequence[Record]]) -> str:
     for (name, knows), ids in sorted(knowing.items()):
         lines.append(f"| {_escaped(name)} | {_escaped(knows)} | {', '.join(_short(env_id) for env_id in ids)} |")
     return "\n".join(lines) + "\n"
+
+
+def matrix_rows(records: Mapping[str, Sequence[Record]]) -> list[dict[str, Any]]:
+    """The same for machines: for every id, all its controllers, who wins and by how much (shares, not per cent)."""
+    rows = []
+    for env_id, group in records.items():
+        cells = cells_of(group)
+        controllers = [
+            {
+                "controller": cell.name,
+                "kind": cell.kind,
+                "success": cell.success,
+                "training_runs": len(cell.flags) if cell.kind == AGENT else 0,
+                "worst_run": cell.worst,
+                "episodes": cell.flags.shape[1],
+                "steps_median": cell.steps,
+                "knows": cell.knows,
+            }
+            for cell in cells.values()
+        ]
+        rows.append({"id": env_id, "wins": verdict_of(cells), "difference": lead(cells), "controllers": controllers})
+    return rows
 
 
 def _line(env_id: str, cells: Mapping[str, Cell]) -> list[str]:

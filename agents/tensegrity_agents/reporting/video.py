@@ -6,19 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from tensegrity_agents.controllers.base import Controller
-from tensegrity_agents.evaluation.rollout import announce
+from tensegrity_agents.evaluation.player import Player
+from tensegrity_agents.reporting.film import write_film
 from tensegrity_envs.rendering import draw
 
 _PANEL = 300  # width and height of one controller's picture [pixels]
 _HEADER = 26  # height of the names above [pixels]
 _COLUMNS = 4  # panels in a row; more controllers go below
 _GAP = 2
-_COLOURS = 96
-_HOLD = 0.9  # how long the last picture stays [s]
 _MOST_BYTES = 3_000_000
 _LINE = (216, 222, 230)
 _PAPER, _INK, _FAINT, _GOOD, _BAD = (252, 253, 254), (30, 36, 44), (112, 121, 134), (0, 120, 86), (196, 60, 12)
@@ -56,7 +54,7 @@ def record(
     """
     if not controllers or path.suffix != ".gif":
         raise ValueError(f"{len(controllers)} controllers to {path}: there must be one at least, and the file a .gif")
-    players = [_Player(env_id, name, controller, seed, env_options or {}) for name, controller in controllers.items()]
+    players = [_Filmed(env_id, name, controller, seed, env_options or {}) for name, controller in controllers.items()]
     try:
         for _ in range(max_steps):
             for player in players:
@@ -69,69 +67,56 @@ def record(
     films = [player.film for player in players]
     columns = math.ceil(len(films) / math.ceil(len(films) / _COLUMNS))
     frames = [_grid([film[k] for film in films], columns) for k in range(len(films[0]))]
-    _write_gif(frames, path, fps)
+    write_film(frames, path, fps, most_bytes=_MOST_BYTES)
     moments = _moments(players)
     strip = _grid([film[k] for film in films for k in moments], len(moments))
     strip.save(path.with_suffix(".png"), optimize=True)
     return path
 
 
-class _Player:
-    """One controller in an environment of its own."""
+class _Filmed:
+    """One controller in an environment of its own, and the pictures of it."""
 
     def __init__(self, env_id: str, name: str, controller: Controller, seed: int, options: dict[str, Any]) -> None:
-        self.name, self._controller = name, controller
-        self._env = gym.make(env_id, render_mode="rgb_array", render_size=_PANEL, **options)
-        self._observation, info = self._env.reset(seed=seed)
-        self._state: Any = None
-        self._begins = True
-        self.ended, self._failed = False, False
+        self.name = name
+        self._player = Player(gym.make(env_id, render_mode="rgb_array", render_size=_PANEL, **options), controller)
+        self._player.begin(seed)
         # Holding goes on after success, until it ends.
-        env: Any = self._env.unwrapped
-        self._goes_on = env.core.task.has_score
+        self._goes_on = self._player.env.unwrapped.core.task.has_score
         self._success, self._miss = ("held", "not held") if self._goes_on else ("on target", "not reached")
         self.film: list[Image.Image] = []  # the panel at every step
         self.settled_since = 0
-        self.on_target = bool(info["is_success"])
-        announce(controller, env.design, env.episodes)
         self._render()
 
     @property
+    def on_target(self) -> bool:
+        return bool(self._player.info["is_success"])
+
+    @property
     def is_settled(self) -> bool:
-        return self.ended or (self.on_target and not self._goes_on)
+        return self._player.ended or (self.on_target and not self._goes_on)
 
     def step(self) -> None:
         """One step; once the episode has ended, the last picture stays."""
-        if self.ended:
+        if self._player.ended:
             self.film.append(self.film[-1])
             return
-        batch = {key: value[None] for key, value in self._observation.items()}
-        start = np.array([self._begins])
-        actions, self._state = self._controller.predict(
-            batch, state=self._state, episode_start=start, deterministic=True
-        )
-        self._observation, _, terminated, truncated, info = self._env.step(np.asarray(actions)[0])
-        self._begins = False
-        self.ended, self.on_target = bool(terminated or truncated), bool(info["is_success"])
-        self._failed = bool(terminated)
+        self._player.step()
         self._render()
         if not self.is_settled:
             self.settled_since = len(self.film)
 
     def _render(self) -> None:
         # A drawing of dynamic environments, too: without a GPU MuJoCo's own pictures take a third of a second each.
-        env: Any = self._env.unwrapped
-        size = (_PANEL, _PANEL)
-        picture = Image.fromarray(draw(env.scene(), size))
+        picture = Image.fromarray(draw(self._player.env.unwrapped.scene(), (_PANEL, _PANEL)))
         status, colour = "", _FAINT
-        if self._failed or self.ended or self.on_target:
-            status, colour = (
-                (self._success, _GOOD) if self.on_target else ("failed" if self._failed else self._miss, _BAD)
-            )
+        if self._player.ended or self.on_target:
+            missed = "failed" if self._player.failed else self._miss
+            status, colour = (self._success, _GOOD) if self.on_target else (missed, _BAD)
         self.film.append(_panel(self.name, status, colour, picture))
 
     def close(self) -> None:
-        self._env.close()
+        self._player.env.close()
 
 
 def _panel(name: str, status: str, colour: tuple[int, int, int], picture: Image.Image) -> Image.Image:
@@ -159,30 +144,9 @@ def _grid(panels: list[Image.Image], columns: int) -> Image.Image:
     return grid
 
 
-def _moments(players: list[_Player]) -> list[int]:
+def _moments(players: list[_Filmed]) -> list[int]:
     """Four steps worth seeing: the start, two until the last controller arrives, and the end."""
     last = len(players[0].film) - 1
     arrivals = [player.settled_since for player in players if player.on_target]
     arrival = max(arrivals, default=last)
     return [0, round(arrival / 3), round(2 * arrival / 3), last]
-
-
-def _palette(frames: list[Image.Image]) -> Image.Image:
-    """A palette for all frames; maximum coverage keeps the colours of thin lines, which median cut loses."""
-    sample = [*frames[:: max(1, len(frames) // 6)], frames[-1]]
-    together = Image.fromarray(np.concatenate([np.asarray(frame) for frame in sample]))
-    return together.quantize(_COLOURS, method=Image.Quantize.MAXCOVERAGE)
-
-
-def _write_gif(frames: list[Image.Image], path: Path, fps: int) -> None:
-    """Write the film with one palette for all frames; every second frame only, and so on, until it is small enough."""
-    palette = _palette(frames)
-    stride = 1
-    while True:
-        chosen = [*frames[: len(frames) - 1 : stride], frames[-1]]
-        indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in chosen]
-        durations = [round(1000 * stride / fps)] * (len(chosen) - 1) + [round(1000 * _HOLD)]
-        indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=False)
-        if path.stat().st_size <= _MOST_BYTES or len(chosen) <= 8:
-            return
-        stride *= 2

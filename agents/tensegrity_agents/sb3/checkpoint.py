@@ -14,14 +14,11 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from tensegrity_agents.config import OffPolicySettings, PPOSettings, TeacherSettings, TrainConfig
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
+from tensegrity_agents.sb3.errors import TrainingError
 from tensegrity_agents.sb3.levels import LevelsVecEnv
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
 CHECKPOINT = "checkpoint.pt"
-
-
-class TrainingError(RuntimeError):
-    """Training cannot go on; the message says what to do."""
 
 
 class Progressed(NamedTuple):

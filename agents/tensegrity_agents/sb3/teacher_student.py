@@ -23,7 +23,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers import teachers_of
-from tensegrity_agents.sb3.checkpoint import TrainingError
+from tensegrity_agents.sb3.errors import TrainingError
 from tensegrity_agents.sb3.levels import Shells
 from tensegrity_agents.sb3.policy_file import Normalization
 from tensegrity_envs.core import Core

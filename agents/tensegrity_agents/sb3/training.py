@@ -35,7 +35,6 @@ from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.checkpoint import (
     CHECKPOINT,
     Progressed,
-    TrainingError,
     adapter_of,
     go_on,
     keep,
@@ -52,6 +51,7 @@ from tensegrity_agents.sb3.curve import (
     read_curve,
     write_curve,
 )
+from tensegrity_agents.sb3.errors import TrainingError, TrainingInterruptedError
 from tensegrity_agents.sb3.levels import LevelsVecEnv
 from tensegrity_agents.sb3.policy_file import (
     Normalization,
@@ -76,19 +76,6 @@ __all__ = [
 ]
 # progress(timesteps, total, success share of the latest episodes)
 Progress = Callable[[int, int, float], None]
-
-
-class TrainingInterruptedError(KeyboardInterrupt):
-    """Training was asked to stop, and has written a checkpoint.
-
-    Args:
-        timesteps: done so far.
-        number: of the signal.
-    """
-
-    def __init__(self, timesteps: int, number: int) -> None:
-        super().__init__(f"interrupted after {timesteps:,} steps, which are kept")
-        self.timesteps, self.number = timesteps, number
 
 
 class _Stop:

@@ -114,6 +114,12 @@ class View:
         down = -self.scale * (float(point[1]) - self.centre[1])
         return x + max(-far, min(far, right)), y + max(-far, min(far, down))
 
+    def point(self, pixel: Point) -> Point:
+        """The point of the world [m] at a canvas position: the inverse of `pixel`."""
+        right = pixel[0] - self.size[0] * self.zoom / 2
+        down = pixel[1] - (self.size[1] * self.zoom + self.strip) / 2
+        return self.centre[0] + right / self.scale, self.centre[1] - down / self.scale
+
 
 def frame_around(places: Iterable[Sequence[np.ndarray]]) -> tuple[Point, float]:
     """The square that holds all points, with a rim for how far an arm swings beyond its starts and goals.

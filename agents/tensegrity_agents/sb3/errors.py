@@ -1,0 +1,18 @@
+"""What can end a training before its time. No Torch here: commands catch these without it."""
+
+
+class TrainingError(RuntimeError):
+    """Training cannot go on; the message says what to do."""
+
+
+class TrainingInterruptedError(KeyboardInterrupt):
+    """Training was asked to stop, and has written a checkpoint.
+
+    Args:
+        timesteps: done so far.
+        number: of the signal.
+    """
+
+    def __init__(self, timesteps: int, number: int) -> None:
+        super().__init__(f"interrupted after {timesteps:,} steps, which are kept")
+        self.timesteps, self.number = timesteps, number
