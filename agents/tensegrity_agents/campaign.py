@@ -139,7 +139,8 @@ def measure(task: Task, results: Path, records: Path, progress: Progress) -> Rec
 def _evaluated(task: Task, make: Callable[[dict[str, Any]], Controller], progress: Progress) -> dict[str, Run]:
     """One run for every level of uncertainty; "" is the environment as it is."""
     experiment = task.experiment
-    uncertain = gym.spec(experiment.env).kwargs.get("level") is not None and experiment.level is None
+    has_levels = gym.spec(experiment.env).kwargs.get("level") is not None or experiment.train.levels is not None
+    uncertain = has_levels and experiment.level is None
     runs = {}
     for level in ["", *(str(k) for k in range(len(LEVELS)) if uncertain)]:
         options = experiment.options | ({"level": int(level)} if level else {})

@@ -9,6 +9,7 @@ from tensegrity_agents.command_options import Json
 from tensegrity_agents.config import ConfigError
 from tensegrity_agents.console import checked_folder, clear_errors, for_machines, say, tell_json
 from tensegrity_agents.evaluation.records import read_records
+from tensegrity_agents.reporting.claims import CANDIDATES, claims_to_markdown, read_candidates
 from tensegrity_agents.reporting.matrix import matrix_figure, matrix_rows, matrix_to_markdown, uncertainty_figure
 from tensegrity_agents.reporting.style import save
 
@@ -20,6 +21,9 @@ def main(
 ) -> None:
     """Write who wins where: matrix.md and who_wins (ids by controllers), uncertainty (success by level).
 
+    Below the matrix are the claims: where agents are to win by success or by time to settle, as candidates.yaml in the
+    folder of the rows says.
+
     Example: tensegrity matrix --records records --out results/matrix
     """
     with for_machines(json), clear_errors():
@@ -29,6 +33,8 @@ def main(
             raise ConfigError(f"--records {records}: no rows in it; `tensegrity campaign` measures some")
         out.mkdir(parents=True, exist_ok=True)
         text = matrix_to_markdown(found)
+        if (records / CANDIDATES).is_file():
+            text += "\n" + claims_to_markdown(read_candidates(records / CANDIDATES), found)
         (out / "matrix.md").write_text(text)
         say(text)
         if json:

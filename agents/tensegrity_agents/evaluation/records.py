@@ -4,13 +4,15 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tensegrity_agents.evaluation.results import Run
+
+_NEVER = 0xFFFF  # of a settling time
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class Record:
         frames: environment steps of the training.
         cpu_seconds: of the training; None where it is not known.
         wall_seconds: of the training.
+        settling: of fast tasks, time after which the tip has stayed on target, by level; see `packed_times`.
     """
 
     env: str
@@ -45,6 +48,7 @@ class Record:
     frames: int | None = None
     cpu_seconds: float | None = None
     wall_seconds: float | None = None
+    settling: dict[str, str] = field(default_factory=dict)
 
     def flags(self, level: str = "") -> np.ndarray:
         """Success of every episode, booleans of shape (episodes,).
@@ -53,6 +57,14 @@ class Record:
             level: of uncertainty, as in `successes`.
         """
         return unpacked(self.successes[level], self.episodes)
+
+    def settling_times(self, level: str = "") -> np.ndarray | None:
+        """Of every episode [s], infinite where the tip does not stay, shape (episodes,); None where there are none.
+
+        Args:
+            level: of uncertainty, as in `successes`.
+        """
+        return unpacked_times(self.settling[level], self.episodes) if level in self.settling else None
 
     def write(self, path: Path) -> None:
         """Write it, all or nothing."""
@@ -72,6 +84,7 @@ def read_record(path: Path) -> Record:
         record = Record(**json.loads(path.read_text()))
         for level in record.successes:
             record.flags(level)
+            record.settling_times(level)
     except (TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"{path}: not a record of this package ({error}); delete it to measure it again") from error
     return record
@@ -103,6 +116,24 @@ def unpacked(text: str, count: int) -> np.ndarray:
     return np.unpackbits(data)[:count].astype(bool)
 
 
+def packed_times(seconds: np.ndarray) -> str:
+    """Times of shape (n,) [s], up to a minute, as four hexadecimal digits each: milliseconds; "ffff" is infinity."""
+    finite = np.isfinite(seconds)
+    return np.where(finite, np.rint(1000 * np.where(finite, seconds, 0.0)), _NEVER).astype(">u2").tobytes().hex()
+
+
+def unpacked_times(text: str, count: int) -> np.ndarray:
+    """What `packed_times` was given.
+
+    Raises:
+        ValueError: the text does not hold `count` times.
+    """
+    data = np.frombuffer(bytes.fromhex(text), ">u2")
+    if len(data) != count:
+        raise ValueError(f"{len(data)} settling times for {count} episodes")
+    return np.where(data == _NEVER, np.inf, data / 1000.0)
+
+
 def hash_of(settings: Mapping[str, Any]) -> str:
     """Twelve hexadecimal digits that differ as soon as a setting does."""
     return hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode()).hexdigest()[:12]
@@ -129,5 +160,10 @@ def recorded(runs: Mapping[str, Run], env: str, config: str, **more: Any) -> Rec
         config,
         run.notes,
         float(np.median(reached)) if len(reached) else None,
+        settling={
+            level: packed_times(times)
+            for level, one in runs.items()
+            if not np.isnan(times := one.columns["settling_time_s"]).all()
+        },
         **more,
     )

@@ -112,6 +112,23 @@ def stratified_bootstrap(
     return _percentiles(float(statistic(table)), values, confidence)
 
 
+def resampled_means(scores: ArrayLike, resamples: int = 5000, seed: int = 0) -> np.ndarray:
+    """Means of the resamples that `stratified_bootstrap` takes: of whole runs and whole episodes, shape (resamples,).
+
+    Args:
+        scores: shape (runs, episodes).
+        resamples: how many.
+        seed: of the resampling.
+
+    Raises:
+        ValueError: `scores` is not a finite, non-empty (runs, episodes) array.
+    """
+    table = _runs_by_episodes("scores", scores)
+    rng = np.random.default_rng(seed)
+    rows, columns = (rng.multinomial(n, np.full(n, 1 / n), size=resamples) for n in table.shape)
+    return np.asarray(((rows @ table) * columns).sum(axis=1) / table.size)
+
+
 def performance_profile(scores: ArrayLike, thresholds: ArrayLike) -> np.ndarray:
     """Share of all runs and episodes with a score above each threshold: mean of 1[score > threshold].
 

@@ -80,4 +80,5 @@ DYNAMIC["DualTriangleFastReach"] = {
 INFORMED: Makers = {
     "DualTriangleLoadedReachUncertain": {"informed": Informed},
     "DualTriangleLoadedReachUncertainMuJoCo": {"informed": partial(OwnRamp, base=Informed)},
+    "DualTriangleFastReachMuJoCo": {"informed": partial(OwnRamp, base=Informed)},
 }

@@ -4,6 +4,7 @@ from functools import partial
 
 from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
+from tensegrity_agents.controllers.dynamic_servo import OwnRamp
 from tensegrity_agents.controllers.regulated import Regulated, Shaped
 from tensegrity_agents.controllers.two_x import posture
 from tensegrity_agents.controllers.two_x.informed import Informed
@@ -65,4 +66,8 @@ TEACHERS: Makers = {
 }
 
 # Of uncertain ids, by their names.
-INFORMED: Makers = {name: {"informed": Informed} for name in ("TwoXTensionReachUncertain", "TwoXPayloadReachUncertain")}
+INFORMED: Makers = {
+    "TwoXTensionReachUncertain": {"informed": Informed},
+    "TwoXPayloadReachUncertain": {"informed": Informed},
+    "TwoXFastReachMuJoCo": {"informed": partial(OwnRamp, base=Informed)},
+}

@@ -1,0 +1,194 @@
+"""Claims that agents beat the analytic controllers: candidates are named first, then judged by fixed rules.
+
+A candidate is an environment at a level of uncertainty, and what counts there: success, or, in a fast task, the time to
+settle (an episode in which the tip does not stay counts as long as the whole episode). A claim holds where
+
+- the paired difference of all seeds to the best controller that is told nothing hidden is above 0 at the level of 5%,
+  two-sided, by a bootstrap over seeds and episodes, with Holm's correction for all candidates that have agents;
+- the worst seed is no worse than that controller's mean;
+- a claim of time does not cost success: the success of the agents, in the mean, is no less than that controller's.
+
+The controller to beat is the best one by what counts. [Holm1979] Holm, "A simple sequentially rejective multiple test
+procedure", Scandinavian Journal of Statistics 6.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import yaml
+
+from tensegrity_agents.evaluation.records import Record
+from tensegrity_agents.evaluation.statistics import Estimate, resampled_means
+from tensegrity_agents.reporting.matrix import AGENT
+from tensegrity_agents.reporting.table import percent
+
+CANDIDATES = "candidates.yaml"  # in the folder of the records
+_NONE = "\N{EN DASH}"
+_LEVEL = 0.025  # of a one-sided test: that of a 95% interval's lower end
+
+Counts = Literal["success", "settling_time"]
+
+
+class Candidate(NamedTuple):
+    """Where agents are to win.
+
+    Attributes:
+        env: Gymnasium id.
+        level: of uncertainty.
+        counts: what is compared.
+    """
+
+    env: str
+    level: str
+    counts: Counts
+
+    @property
+    def name(self) -> str:
+        """For tables: the id at its level."""
+        return f"`{self.env.rpartition('/')[2]}` at level {self.level}"
+
+
+class Claim(NamedTuple):
+    """What was found for a candidate.
+
+    Attributes:
+        candidate: which.
+        agents: scores of the agents, (seeds, episodes): success, or minus the time to settle [s].
+        best: scores of the best controller, (episodes,).
+        controller: its name.
+        successes: mean success of the agents and of that controller.
+        difference: of the scores, paired, with its 95% interval.
+        chance: one-sided p value of no difference; the share of resamples in which the agents are not ahead.
+    """
+
+    candidate: Candidate
+    agents: np.ndarray
+    best: np.ndarray
+    controller: str
+    successes: tuple[float, float]
+    difference: Estimate
+    chance: float
+
+    @property
+    def worst(self) -> float:
+        """Score of the worst seed."""
+        return float(self.agents.mean(axis=1).min())
+
+    def holds(self, adjusted: float) -> bool:
+        """Whether the agents win, by the rules of the module.
+
+        Args:
+            adjusted: the p value after Holm's correction.
+        """
+        costs = self.candidate.counts == "settling_time" and self.successes[0] < self.successes[1]
+        return adjusted < _LEVEL and self.worst >= self.best.mean() and not costs
+
+
+def read_candidates(path: Path) -> list[Candidate]:
+    """The candidates in a YAML file: a list of {env, level, counts}.
+
+    Raises:
+        ValueError: the file holds something else; the message names it.
+    """
+    try:
+        found = [
+            Candidate(str(one["env"]), str(one["level"]), one["counts"]) for one in yaml.safe_load(path.read_text())
+        ]
+    except (TypeError, KeyError, yaml.YAMLError) as error:
+        raise ValueError(f"{path}: must be a list of entries with env, level and counts ({error})") from error
+    for one in found:
+        if one.counts not in ("success", "settling_time"):
+            raise ValueError(f"{path}: counts: {one.counts!r}: must be success or settling_time")
+    return found
+
+
+def scores_of(record: Record, candidate: Candidate) -> np.ndarray | None:
+    """What counts, the larger the better, of every episode; None where it was not measured."""
+    if candidate.level not in record.successes:
+        return None
+    if candidate.counts == "success":
+        return record.flags(candidate.level).astype(float)
+    times = record.settling_times(candidate.level)
+    return None if times is None else -np.minimum(times, duration_of(record.env))
+
+
+def duration_of(env_id: str) -> float:
+    """Of an episode of a fast task [s]."""
+    env: Any = gym.make(env_id).unwrapped
+    return float((gym.spec(env_id).max_episode_steps or 0) * env.core.task.step_time)
+
+
+def judged(candidate: Candidate, records: Sequence[Record]) -> Claim | None:
+    """The claim of a candidate; None where no agent or no controller was measured there.
+
+    Args:
+        candidate: which.
+        records: all rows of its id.
+    """
+    scored = [(record, scores) for record in records if (scores := scores_of(record, candidate)) is not None]
+    agents = [(record, scores) for record, scores in scored if record.kind == AGENT]
+    controllers = [(record, scores) for record, scores in scored if record.kind == "baseline"]
+    if not agents or not controllers:
+        return None
+    row, best = max(controllers, key=lambda pair: float(pair[1].mean()))
+    table = np.stack([scores for _, scores in agents])
+    means = resampled_means(table - best)
+    successes = [record.flags(candidate.level).mean() for record, _ in agents]
+    low, high = np.quantile(means, [0.025, 0.975])
+    return Claim(
+        candidate,
+        table,
+        best,
+        row.controller,
+        (float(np.mean(successes)), float(row.flags(candidate.level).mean())),
+        Estimate(float((table - best).mean()), float(low), float(high)),
+        float((1 + (means <= 0).sum()) / (1 + len(means))),
+    )
+
+
+def holm(chances: Sequence[float]) -> list[float]:
+    """P values adjusted for being several [Holm1979], in the same order."""
+    adjusted, largest = [0.0] * len(chances), 0.0
+    for rank, k in enumerate(sorted(range(len(chances)), key=lambda k: chances[k])):
+        largest = max(largest, min(1.0, (len(chances) - rank) * chances[k]))
+        adjusted[k] = largest
+    return adjusted
+
+
+def claims_to_markdown(candidates: Sequence[Candidate], records: Mapping[str, Sequence[Record]]) -> str:
+    """The table of all candidates; those without agents have dashes."""
+    found = [judged(one, records.get(one.env, [])) for one in candidates]
+    adjusted = iter(holm([claim.chance for claim in found if claim is not None]))
+    lines = [
+        "| candidate | what counts | agents: mean over seeds | seeds | worst seed | best controller | "
+        "difference | p (Holm) | success: agents, controller [%] | wins |",
+        "|---|---|---:|---:|---:|---|---:|---:|---:|---|",
+    ]
+    for one, claim in zip(candidates, found, strict=True):
+        cells = [_NONE] * 8 if claim is None else _cells(claim, next(adjusted))
+        lines.append("| " + " | ".join([one.name, one.counts.replace("_", " "), *cells]) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _cells(claim: Claim, adjusted: float) -> list[str]:
+    def shown(score: float, sign: str = "") -> str:
+        if claim.candidate.counts == "success":
+            return f"{100 * score:{sign}.1f}"
+        return f"{-score:{sign}.3f}"
+
+    by = claim.difference
+    ends = sorted((by.low, by.high), reverse=claim.candidate.counts != "success")
+    unit = " %" if claim.candidate.counts == "success" else " s"
+    return [
+        shown(float(claim.agents.mean())) + unit,
+        str(len(claim.agents)),
+        shown(claim.worst) + unit,
+        claim.controller.replace("_", "\\_") + ": " + shown(float(claim.best.mean())) + unit,
+        f"{shown(by.point, '+')} [{', '.join(shown(end, '+') for end in ends)}]",
+        f"{adjusted:.4f}",
+        ", ".join(percent(share) for share in claim.successes),
+        "agent" if claim.holds(adjusted) else "no",
+    ]
