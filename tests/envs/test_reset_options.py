@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import tensegrity_envs  # noqa: F401
+import tensegrity_envs
 
 # id, a feasible target, a feasible start, and what the message says of an infeasible target and start
 CASES = {
@@ -26,7 +26,7 @@ CASES = {
 def make(name):
     if "MuJoCo" in name:
         pytest.importorskip("mujoco")
-    return gym.make(f"tensegrity/{name}-v0").unwrapped
+    return gym.make(name if "/" in name else f"tensegrity/{name}-v0").unwrapped
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -67,6 +67,30 @@ def test_infeasible_episodes_are_refused_and_change_nothing(name):
     for mine, other in zip(env.step(action)[0].values(), twin.step(action)[0].values(), strict=True):
         np.testing.assert_array_equal(mine, other)
     for mine, other in zip(env.reset()[0].values(), twin.reset()[0].values(), strict=True):
+        np.testing.assert_array_equal(mine, other)
+
+
+@pytest.mark.parametrize("env_id", tensegrity_envs.ENV_IDS)
+def test_episodes_of_other_seeds_are_taken_or_refused_and_what_is_no_number_is_refused(env_id):
+    """For every id: what cannot be chosen is refused with a reason, and what is refused changes nothing."""
+    env, twin = make(env_id), make(env_id)
+    observation, info = env.reset(seed=2)
+    given = {"target": observation["desired_goal"], "configuration": info["configuration"]}
+    for environment in (env, twin):
+        environment.reset(seed=1)
+    drawn = twin.reset()[0]
+    for option, value in given.items():
+        try:
+            observation, info = env.reset(seed=1, options={option: value})
+        except ValueError as error:
+            assert len(str(error)) > 20
+        else:
+            if option == "target":
+                np.testing.assert_allclose(observation["desired_goal"], value, atol=1e-6)
+        env.reset(seed=1)
+        with pytest.raises(ValueError, match=option):
+            env.reset(seed=5, options={option: np.nan * value})
+    for mine, other in zip(env.reset()[0].values(), drawn.values(), strict=True):
         np.testing.assert_array_equal(mine, other)
 
 

@@ -3,25 +3,29 @@
 import dataclasses
 from collections.abc import Mapping
 from difflib import get_close_matches
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any, TypeVar
 
-from tensegrity_envs.mechanics.dual_triangle import ZHAO2021_CAPTION, ZHAO2021_TEXT
-from tensegrity_envs.mechanics.n_x import THREE_X
-from tensegrity_envs.mechanics.planar_four_bar import JI2014
-from tensegrity_envs.mechanics.spatial_prism import JAHROMY
-from tensegrity_envs.mechanics.two_x import FURET2018, MURALIDHARAN2022
+from tensegrity_envs.mechanics.two_x import FURET2018
 
 D = TypeVar("D")
 
-PUBLISHED: dict[str, Any] = {
-    "muralidharan2022": MURALIDHARAN2022,
-    "furet2018": FURET2018(0.9),
-    "zhao2021_text": ZHAO2021_TEXT,
-    "zhao2021_caption": ZHAO2021_CAPTION,
-    "ji2014": JI2014,
-    "jahromy": JAHROMY,
-    "three_x": THREE_X,
-}
+
+def _constants() -> dict[str, Any]:
+    """The designs that the mechanisms' folders export as constants: names in capitals."""
+    room = Path(__file__).parent
+    folders = [import_module(f"{__package__}.{found.name}") for found in iter_modules([str(room)]) if found.ispkg]
+    return {
+        name.lower(): value
+        for folder in folders
+        for name, value in vars(folder).items()
+        if name.isupper() and dataclasses.is_dataclass(value)
+    }
+
+
+PUBLISHED: dict[str, Any] = _constants() | {"furet2018": FURET2018(0.9)}
 
 
 def resolve_design(given: D | Mapping[str, Any] | str | None, default: D) -> D:
