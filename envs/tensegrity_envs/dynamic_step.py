@@ -1,6 +1,5 @@
 """The step of a dynamic simulation: a compiled first part, the engine, a compiled last part."""
 
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 if TYPE_CHECKING:
     from tensegrity_envs.simulation.mujoco.engine import Engine
 
-_VARIED = ("mass", "damping", "friction", "bandwidth")  # factors of the dynamics, where they are randomized
+_VARIED = ("mass", "damping", "friction", "bandwidth")  # what of the dynamics may be randomized
 
 
 class DynamicStep:
@@ -80,16 +79,7 @@ class DynamicStep:
     def _parameters(self, column: np.ndarray) -> tuple[Any, Dynamics]:
         """Mechanism and dynamics of an episode."""
         episode = self.episodes.unpack(column)
-        mass, damping, friction, bandwidth = (episode.random.get(name, 1.0) for name in _VARIED)
         own = self._core.dynamics
         assert own is not None
-        dynamics = replace(
-            own,
-            joint_damping=damping * own.joint_damping,
-            joint_friction=friction * own.joint_friction,
-            actuator_bandwidth=bandwidth * own.actuator_bandwidth,
-            bar_line_density=mass * own.bar_line_density,
-            tip_mass=mass * own.tip_mass,
-            platform_mass=mass * own.platform_mass,
-        )
-        return self._core.mechanism(episode.design), dynamics
+        factors = {name: episode.random[name] for name in _VARIED if name in episode.random}
+        return self._core.mechanism(episode.design), own.varied(factors)

@@ -31,7 +31,7 @@ _TURN = 0.02  # [rad]
 _FARTHEST = 0.5  # [rad]: an equilibrium that is farther from the one of the step before is another one
 
 
-class _FullSpeed(Planned[Memory]):
+class FullSpeed(Planned[Memory]):
     """What both share: the plan, where the nominal arm rests under it, and its motion about the end."""
 
     shaper: Shaper | None = "ZV"
@@ -73,7 +73,7 @@ class _FullSpeed(Planned[Memory]):
         return np.stack(found, axis=1)
 
 
-class Shaped(_FullSpeed[RampMemory]):
+class Shaped(FullSpeed[RampMemory]):
     """The plan at full speed through an input shaper for the modes at the target, with active damping. See the module.
 
     Args:
@@ -114,7 +114,7 @@ class RegulatedMemory(NamedTuple):
     step: np.ndarray
 
 
-class Regulated(_FullSpeed[RegulatedMemory]):
+class Regulated(FullSpeed[RegulatedMemory]):
     """The plan at full speed, regulated about where the arm would rest. See the module.
 
     Args:

@@ -16,6 +16,7 @@ from tensegrity_agents.controllers.dual_triangle.reach import (
 from tensegrity_agents.controllers.dual_triangle.servo import IdentifyingObserver, Servo
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.dynamic_servo import OwnRamp, RestingRamp
+from tensegrity_agents.controllers.lqg import LQG
 from tensegrity_agents.controllers.regulated import Regulated, Shaped
 
 __all__ = [
@@ -73,6 +74,7 @@ DYNAMIC["DualTriangleFastReach"] = {
     "observer": partial(Ramp, base=Observer),
     "closed_form_shaped": partial(Shaped, base=ClosedFormSquares),
     "lqr": partial(Regulated, base=Observer),
+    "lqg": partial(LQG, base=ClosedFormSquares),
     "oracle": partial(Regulated, base=Oracle),
 }
 

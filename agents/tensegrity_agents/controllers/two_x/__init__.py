@@ -5,6 +5,7 @@ from functools import partial
 from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.dynamic_servo import OwnRamp
+from tensegrity_agents.controllers.lqg import LQG
 from tensegrity_agents.controllers.regulated import Regulated, Shaped
 from tensegrity_agents.controllers.two_x import posture
 from tensegrity_agents.controllers.two_x.informed import Informed
@@ -57,6 +58,7 @@ DYNAMIC["TwoXFastReach"] = {
     "pseudo_inverse": partial(Feedback, base=PseudoInverse, slowed=0.1),
     "closed_form_shaped": partial(Shaped, base=ClosedFormIK),
     "lqr": partial(Regulated, base=Observer, shaper=None, softness=10.0),
+    "lqg": partial(LQG, base=ClosedFormIK),
     "oracle": partial(Regulated, base=Oracle, shaper=None, softness=10.0),
 }
 

@@ -82,7 +82,7 @@ class DualTriangleCore(Core):
         inputs = inputs_field(self.input_name, size, bounds, "m", meaning)
         return arm_fields(self.nominal, self.reach, inputs, self.segments, self.observe_all, self.observe_velocities)
 
-    def _randomized(self, random: dict[str, np.ndarray]) -> DualTriangleDesign:
+    def design_of(self, random: dict[str, np.ndarray]) -> DualTriangleDesign:
         """The design with the stiffnesses sampled for the episodes."""
         factor = random.get("stiffness")
         if factor is None:

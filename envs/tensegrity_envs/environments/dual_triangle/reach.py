@@ -61,7 +61,7 @@ class DualTriangleReach(DualTriangleCore):
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """See `Core.sample`."""
         random = self.randomization.sample(seed, episode)
-        design = self._randomized(random)
+        design = self.design_of(random)
         start = self.sampler.sample(seed, episode, design)
         goal = tuple(to_single(component) for component in self.nominal.tip(start.target_configuration))
         return Sampled(Episode(design, start.load, (), goal, random=random), start.configuration, start.inputs)
@@ -83,7 +83,7 @@ class DualTriangleReach(DualTriangleCore):
 
     def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_with_goal`."""
-        design = self._randomized(self.random_from(info))
+        design = self.design_of(self.random_from(info))
         return Episode(design, tuple(np.asarray(info["load"], float).T), (), goal)
 
 

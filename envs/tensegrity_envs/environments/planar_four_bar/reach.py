@@ -119,7 +119,7 @@ class PlanarFourBarReach(Core):
         goal = tuple(to_single(component) for component in start.target)
         solutions = self._solutions(goal, start.side)
         random |= {"side": start.side}
-        episodes = Episode(self._randomized(random), start.load, (), goal, solutions, random)
+        episodes = Episode(self.design_of(random), start.load, (), goal, solutions, random)
         return Sampled(episodes, start.configuration, start.lengths)
 
     def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
@@ -162,7 +162,7 @@ class PlanarFourBarReach(Core):
         found = np.where(fits, found, 100 * self.reach)
         return tuple((found[0, k], found[1, k]) for k in range(4))
 
-    def _randomized(self, random: dict[str, np.ndarray]) -> PlanarFourBarDesign:
+    def design_of(self, random: dict[str, np.ndarray]) -> PlanarFourBarDesign:
         """The design with the stiffnesses sampled for the episodes; unloaded rectangles do not depend on them."""
         factor = random.get("stiffness")
         return self.design if factor is None else replace(self.design, stiffness=self.design.stiffness * factor)
@@ -198,7 +198,7 @@ class PlanarFourBarReach(Core):
         """See `Core.episode_with_goal`."""
         random = self.random_from(info)
         load = tuple(np.asarray(info["load"], float).T)
-        return Episode(self._randomized(random), load, (), goal, self._solutions(goal, random["side"]))
+        return Episode(self.design_of(random), load, (), goal, self._solutions(goal, random["side"]))
 
     def places(self, sampled: Sampled) -> Iterable[Any]:
         """See `Core.places`."""

@@ -114,7 +114,7 @@ class SpatialPrismTrack(Core):
             load = (none, none, -GRAVITY * sampled.payload)
         onset = sampled.onset if self.hidden_info_keys else None
         episodes = Episode(
-            self._randomized(random),
+            self.design_of(random),
             load,
             (),
             sampled.curve.mean,
@@ -127,7 +127,7 @@ class SpatialPrismTrack(Core):
         still = np.zeros(len(seed))
         return Sampled(episodes, (*position, still, still, still), self.nominal.unloaded_lengths(position))
 
-    def _randomized(self, random: dict[str, np.ndarray]) -> SpatialPrismDesign:
+    def design_of(self, random: dict[str, np.ndarray]) -> SpatialPrismDesign:
         """The design with the stiffnesses sampled for the episodes; unloaded poses do not depend on them."""
         factor = random.get("stiffness")
         return self.design if factor is None else replace(self.design, k=self.design.k * factor)
@@ -171,7 +171,7 @@ class SpatialPrismTrack(Core):
         load = tuple(np.asarray(info["load"], float).T) if self.hidden_info_keys else ()
         onset = still if self.hidden_info_keys else None
         motion = tuple((still,) * (2 * HARMONICS) for _ in goal)
-        design = self._randomized(self.random_from(info))
+        design = self.design_of(self.random_from(info))
         return Episode(design, load, (), goal, onset=onset, motion=motion, cycle=self.cycle)
 
     @property

@@ -115,7 +115,7 @@ class TwoXReach(TwoXRegions, Core):
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """See `Core.sample`."""
         random = self.randomization.sample(seed, episode)
-        sampled = self.sampler.sample(seed, episode, self._randomized(random))
+        sampled = self.sampler.sample(seed, episode, self.design_of(random))
         x, y = (to_single(component) for component in sampled.mechanism.tip(sampled.target_configuration))
         solutions = self.solutions(sampled.mechanism, x, y, sampled.target_configuration)
         return Sampled(
@@ -142,7 +142,7 @@ class TwoXReach(TwoXRegions, Core):
         solutions = self.solutions(mechanism, x, y)
         return Sampled(sampled.episode._replace(goal=(x, y), solutions=solutions), q, tensions)
 
-    def _randomized(self, random: dict[str, np.ndarray]) -> Any:
+    def design_of(self, random: dict[str, np.ndarray]) -> Any:
         """The design with the stiffnesses and masses sampled for the episodes."""
         design = self.design
         if "stiffness" in random:
@@ -168,7 +168,7 @@ class TwoXReach(TwoXRegions, Core):
 
     def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
         """See `Core.episode_with_goal`."""
-        design = self._randomized(self.random_from(info))
+        design = self.design_of(self.random_from(info))
         if self.payload_range is not None:
             design = replace(design, payload=np.asarray(info["payload"], float))
         return Episode(design, (0.0, 0.0), (), goal, self.solutions(self.mechanism(design), *goal))

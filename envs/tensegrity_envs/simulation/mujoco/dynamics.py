@@ -1,7 +1,8 @@
 """What a dynamic simulation needs and the papers do not give."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from tensegrity_envs.mechanics.design import require, require_finite_numbers
@@ -65,3 +66,18 @@ class Dynamics:
     def time_constant(self) -> float:
         """Of the actuators [s]; 0 without lag."""
         return 1 / (2 * math.pi * self.actuator_bandwidth) if self.actuator_bandwidth else 0.0
+
+    def varied(self, factors: Mapping[str, float]) -> "Dynamics":
+        """These with so many times the mass, damping, friction or bandwidth; other names are left alone."""
+        mass, damping, friction, bandwidth = (
+            factors.get(name, 1.0) for name in ("mass", "damping", "friction", "bandwidth")
+        )
+        return replace(
+            self,
+            joint_damping=damping * self.joint_damping,
+            joint_friction=friction * self.joint_friction,
+            actuator_bandwidth=bandwidth * self.actuator_bandwidth,
+            bar_line_density=mass * self.bar_line_density,
+            tip_mass=mass * self.tip_mass,
+            platform_mass=mass * self.platform_mass,
+        )
