@@ -66,6 +66,7 @@ AGENT_LAYERS = [
     "console",
     "command_options",
     "pretrained",
+    "exporting",
     "command",
 ]
 # Training, evaluation and reports do not know each other, but for the evaluations in the course of a training, and for

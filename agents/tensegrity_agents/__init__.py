@@ -4,14 +4,16 @@ Raises:
     ImportError: the packages of the extra "agents" are not installed.
 """
 
+from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tensegrity_agents.exporting import export
     from tensegrity_agents.pretrained import load_pretrained
     from tensegrity_agents.sb3.policy_file import load_policy
 
-__all__ = ["load_policy", "load_pretrained"]
+__all__ = ["export", "load_policy", "load_pretrained"]
 
 _NEEDED = (
     "stable_baselines3",
@@ -33,14 +35,15 @@ if _missing:
     )
 
 
+_FROM = {
+    "export": "tensegrity_agents.exporting",
+    "load_pretrained": "tensegrity_agents.pretrained",
+    "load_policy": "tensegrity_agents.sb3.policy_file",
+}
+
+
 def __getattr__(name: str) -> Any:
-    """The loaders of policies, imported when they are asked for: Torch takes seconds."""
-    if name == "load_pretrained":
-        from tensegrity_agents.pretrained import load_pretrained
-
-        return load_pretrained
-    if name == "load_policy":
-        from tensegrity_agents.sb3.policy_file import load_policy
-
-        return load_policy
+    """What handles policies, imported when it is asked for: Torch takes seconds."""
+    if name in _FROM:
+        return getattr(import_module(_FROM[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

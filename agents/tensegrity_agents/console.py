@@ -24,7 +24,7 @@ from rich.progress import (
 from tensegrity_agents.config import ConfigError
 from tensegrity_agents.controllers import BASELINES, DYNAMIC
 from tensegrity_agents.interrupt import as_usual
-from tensegrity_agents.sb3.errors import TrainingError, TrainingInterruptedError
+from tensegrity_agents.sb3.errors import ExportError, TrainingError, TrainingInterruptedError
 from tensegrity_envs.rendering import DisplayError
 
 console = Console()
@@ -124,6 +124,9 @@ def clear_errors(after_interrupt: str = AGAIN) -> Iterator[None]:
         named = f"{error.filename}: " if error.filename is not None else ""
         _fail(f"{named}{error.strerror or error}")
         raise typer.Exit(FAILURE if error.errno in _FAILURES else SLIP) from error
+    except ExportError as error:
+        _fail(str(error))
+        raise typer.Exit(FAILURE) from error
     except TrainingInterruptedError as error:
         say(f"{error}: run the same command again to go on from there")
         raise typer.Exit(128 + error.number) from error

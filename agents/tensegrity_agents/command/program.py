@@ -17,6 +17,7 @@ SUBCOMMANDS = {
     "tune": "Tune an analytic controller on validation episodes.",
     "watch": "Watch a controller or a policy, in a window or on film.",
     "play": "Drive an arm by keyboard and mouse.",
+    "export": "Write a policy as ONNX.",
     "analyze": "Draw workspaces, singularities, buckling: figures, regions, numbers.",
     "playground": "Write pages to play with a mechanism in a browser.",
     "compile": "Compile environments ahead of use.",

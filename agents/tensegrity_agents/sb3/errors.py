@@ -1,4 +1,4 @@
-"""What can end a training before its time. No Torch here: commands catch these without it."""
+"""What can go wrong with agents. No Torch here: commands catch these without it."""
 
 
 class TrainingError(RuntimeError):
@@ -16,3 +16,7 @@ class TrainingInterruptedError(KeyboardInterrupt):
     def __init__(self, timesteps: int, number: int) -> None:
         super().__init__(f"interrupted after {timesteps:,} steps, which are kept")
         self.timesteps, self.number = timesteps, number
+
+
+class ExportError(RuntimeError):
+    """A policy whose file for other programs does not do what it does."""

@@ -22,9 +22,35 @@ class Past(NamedTuple):
         first: the entry "observation" with which the episode began, shape (n, size).
     """
 
-    observations: np.ndarray
-    actions: np.ndarray
-    first: np.ndarray
+    observations: Any
+    actions: Any
+    first: Any
+
+
+def remembered(xp: Any, now: Any, memory: Past, begins: Any) -> tuple[Any, Past]:
+    """Observations with the past, and what is remembered of the step until `with_action`.
+
+    Args:
+        xp: numpy or torch, whose arrays the others are.
+        now: the entries "observation", shape (n, size).
+        memory: of the steps before.
+        begins: which of them begin an episode, shape (n,).
+
+    Returns:
+        Shape (n, size + History.size), and the memory.
+    """
+    new, n = begins[:, None, None], now.shape[0]  # `len` is no symbol of a traced batch
+    before = xp.where(new, now[:, None], memory.observations)
+    actions = xp.where(new, xp.zeros_like(memory.actions), memory.actions)
+    first = xp.where(begins[:, None], now, memory.first)
+    parts = [now, (now[:, None] - before).reshape(n, -1), actions.reshape(n, -1), first]
+    told = xp.concatenate(parts, axis=1)
+    return told, Past(xp.concatenate([now[:, None], before[:, :-1]], axis=1), actions, first)
+
+
+def with_action(xp: Any, memory: Past, latest: Any) -> Past:
+    """The past with the actions within [-1, 1], shape (n, action size), that were taken now."""
+    return memory._replace(actions=xp.concatenate([latest[:, None], memory.actions[:, :-1]], axis=1))
 
 
 class History:
@@ -77,16 +103,10 @@ class History:
                 np.zeros((n, self.length, self.action_size), np.float32),
                 np.zeros((n, self.observation_size), np.float32),
             )
-        new = fresh[:, None, None]
-        before = np.where(new, now[:, None], memory.observations)
-        actions = np.where(new, np.float32(0.0), memory.actions)
-        first = np.where(fresh[:, None], now, memory.first)
-        parts = [now, (now[:, None] - before).reshape(n, -1), actions.reshape(n, -1), first]
-        told = np.concatenate(parts, axis=1)
-        later = Past(np.concatenate([now[:, None], before[:, :-1]], axis=1), actions, first)
+        told, later = remembered(np, now, memory, fresh)
         return {**observation, "observation": told[0] if single else told}, later
 
     def acted(self, memory: Past, actions: np.ndarray) -> Past:
         """The past with the actions, shape (n, action size) or of one environment, that were taken now."""
-        latest = np.clip(np.reshape(actions, (-1, 1, self.action_size)), -1.0, 1.0).astype(np.float32)
-        return memory._replace(actions=np.concatenate([latest, memory.actions[:, :-1]], axis=1))
+        latest = np.clip(np.reshape(actions, (-1, self.action_size)), -1.0, 1.0).astype(np.float32)
+        return with_action(np, memory, latest)

@@ -1,0 +1,39 @@
+"""A policy as an ONNX file."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tensegrity_agents.command_options import completed_ids
+from tensegrity_agents.config import ConfigError, known_env
+from tensegrity_agents.console import checked_file, clear_errors, say
+
+
+def main(
+    environment: Annotated[str, typer.Argument(help="id, such as TwoXReach-v0", autocompletion=completed_ids)],
+    out: Annotated[Path, typer.Argument(help="file, such as policy.onnx")],
+    policy: Annotated[
+        Path | None, typer.Option(help="folder of a trained policy", show_default="the shipped one")
+    ] = None,
+) -> None:
+    """Write a policy as ONNX, for machines without Torch, and check it against the policy on 1,000 observations.
+
+    The file takes the raw observation of the environment; what a policy remembers are further inputs and outputs.
+
+    Example: tensegrity export TwoXReach-v0 policy.onnx
+    """
+    with clear_errors():
+        env_id = known_env(environment)
+        if out.suffix != ".onnx":
+            raise ConfigError(f"{out}: the name of the file must end in .onnx")
+        checked_file(out, "OUT")
+        from tensegrity_agents.exporting import export
+
+        if policy is None:
+            largest = export(env_id, out)
+        else:
+            from tensegrity_agents.sb3.policy_file import load_policy
+
+            largest = export(load_policy(policy, env_id), out)
+        say(f"{out}: {out.stat().st_size / 1000:.0f} kB, its actions are within {largest:.1g} of the policy's")
