@@ -26,6 +26,7 @@ exclude_patterns = ["_build", "_templates"]
 html_theme = "furo"
 html_title = f"tensegrity-envs {release}"
 html_show_sphinx = False
+html_show_copyright = False
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 EXTRA = HERE / "_build" / "extra"  # the playground's pages, see `before`

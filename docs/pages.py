@@ -30,6 +30,7 @@ from tensegrity_envs.simulation.dynamic import DynamicControl
 from tensegrity_envs.tasks import Task
 
 HERE = Path(__file__).parent
+GALLERY = "films.txt"
 FILM_SEED = 0  # of the episode that is filmed; test episodes have other seeds
 _MOST_STEPS = 200  # of a film
 _NONE = "\N{EN DASH}"
@@ -255,8 +256,14 @@ def _configured() -> set[str]:
     return {f"tensegrity/{name.rpartition('/')[2]}" for name in found}
 
 
+def gallery(names: Iterable[str], folder: str) -> str:
+    """All films, each leading to the page of its environment, for docs/gallery.md."""
+    films = [f"[![{name}]({folder}/{name}.gif)<br>{name}]({folder}/{name}.md)\n" for name in names]
+    return "\n".join(["```{container} films", *films, "```\n"])
+
+
 def write_all(folder: Path, entries: Sequence[Entry] = ENTRIES) -> None:
-    """Write the pages of all ids, and their films; pages of ids that are gone are removed."""
+    """Write the pages of all ids, their films and the gallery; pages of ids that are gone are removed."""
     folder.mkdir(parents=True, exist_ok=True)
     kept = {short(entry) for entry in entries}
     for old in [*folder.glob("*.md"), *folder.glob("*.gif"), *folder.glob("*.png")]:
@@ -267,6 +274,7 @@ def write_all(folder: Path, entries: Sequence[Entry] = ENTRIES) -> None:
         target = folder / f"{short(entry)}.md"
         if not target.is_file() or target.read_text() != text:
             target.write_text(text)
+    (folder / GALLERY).write_text(gallery(sorted(kept), folder.name))
 
 
 def main(arguments: list[str]) -> int:

@@ -68,10 +68,10 @@ def overview() -> str:
     rows = []
     for entry in ENTRIES:
         core = core_of(entry)
-        seen = ", ".join(f"`{name}`" for name in core.schema.fields)
         what = f"{entry.summary[0].upper()}{entry.summary[1:]}"
-        rows.append((f"`{entry.id}`", what, core.simulation.action_size, seen, entry.max_episode_steps))
-    return table(("id", "what it is", "actions", "entry `observation`", "steps"), rows)
+        name = f"`{entry.id.removeprefix('tensegrity/')}`"
+        rows.append((name, what, core.simulation.action_size, core.schema.size, entry.max_episode_steps))
+    return table(("tensegrity/...", "what it is", "actions", "observed", "steps"), rows)
 
 
 @cache
@@ -119,7 +119,7 @@ def observations(core: Any) -> str:
     for name, field in core.schema.fields.items():
         place = span(core.schema.places[name].start, field.width)
         rows.append((place, f"`{name}`", field.meaning, field.unit, str(field.scaling)))
-    return table(("observation", "name", "x is the", "unit", "number"), rows)
+    return table(("observation", "name", "x is the", "unit of x", "as a number"), rows)
 
 
 def goals(core: Any) -> str:

@@ -96,6 +96,16 @@ def test_links_lead_somewhere():
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_rows_of_tables_have_the_cells_of_their_heads(page):
+    """A bar within a cell, in code too, ends the cell unless a backslash is before it; what is over is not shown."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
+    for rows in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
+        head, *others = rows.splitlines()
+        bars = [len(re.findall(r"(?<!\\)\|", row)) for row in (head, *others)]
+        assert len(set(bars)) == 1, others[bars.index(next(b for b in bars if b != bars[0])) - 1]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_lines_can_be_read_in_a_terminal(page):
     """Lines of prose have at most 120 columns; tables, blocks of code and lines of one word (or link) may be longer."""
     prose = re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
