@@ -67,6 +67,7 @@ AGENT_LAYERS = [
     "command_options",
     "pretrained",
     "exporting",
+    "recording",
     "command",
 ]
 # Training, evaluation and reports do not know each other, but for the evaluations in the course of a training, and for
