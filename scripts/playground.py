@@ -1,10 +1,6 @@
 """`tensegrity playground`, from a checkout."""
 
-import tensegrity_agents.interrupt  # noqa: F401  # isort: skip  (first: see there)
-
-import typer
-
-from tensegrity_agents.command.playground import main
+from tensegrity_agents.command import run
 
 if __name__ == "__main__":
-    typer.run(main)
+    run("playground")

@@ -29,7 +29,7 @@ def scene_of(arm: TwoX, q: tuple[float, float], **changes: object) -> Scene:
         caption="step 17   tip error 12.3 mm",
         reach=arm.reach,
     )
-    return dataclasses.replace(scene, **changes)  # type: ignore[arg-type]
+    return dataclasses.replace(scene, **changes)
 
 
 SCENE = scene_of(ARM, (0.5, -0.9))

@@ -85,9 +85,10 @@ class TeacherSettings(_Strict):
 
 
 class OffPolicySettings(_Strict):
-    """Stable-Baselines3's SAC and sb3-contrib's TQC on the single environment, with their names."""
+    """Stable-Baselines3's SAC and TD3, sb3-contrib's TQC and CrossQ, with their names."""
 
-    her: bool = Field(True, description="hindsight experience replay, future strategy")
+    num_envs: int = Field(1, ge=1, description="environments stepped as one batch; more than one are the native vector")
+    her: bool = Field(True, description="hindsight experience replay, future strategy; not with crossq")
     n_sampled_goal: int = Field(4, ge=1)
     buffer_size: int = Field(300_000, ge=1)
     learning_starts: int = Field(2_000, ge=1)
@@ -95,14 +96,15 @@ class OffPolicySettings(_Strict):
     gamma: float = Field(0.95, gt=0, le=1)
     tau: float = Field(0.02, gt=0, le=1)
     learning_rate: float = Field(1e-3, gt=0, description="at the start; falls linearly to zero")
-    train_freq: int = Field(4, ge=1)
+    train_freq: int = Field(4, ge=1, description="steps of all environments between two trainings")
     gradient_steps: int = Field(4, ge=1)
+    action_noise: float = Field(0.1, ge=0, description="standard deviation of the exploration of td3")
 
 
 class TrainConfig(_Strict):
     """How an agent is trained."""
 
-    algorithm: Literal["ppo", "sac", "tqc"] = "ppo"
+    algorithm: Literal["ppo", "recurrent_ppo", "sac", "td3", "tqc", "crossq"] = "ppo"
     total_timesteps: int = Field(ge=1)
     segment_timesteps: int = Field(
         500_000, ge=1, description="a checkpoint after each; environments are reset and random numbers reseeded there"
@@ -121,6 +123,7 @@ class TrainConfig(_Strict):
     history: int = Field(
         0, ge=0, description="observations and actions of so many steps before, and the first observation, are seen"
     )
+    lstm_hidden_size: int = Field(64, ge=1, description="units of the memory of recurrent_ppo")
     levels: list[int] | None = Field(
         None,
         min_length=1,
@@ -138,6 +141,17 @@ class TrainConfig(_Strict):
     ppo: PPOSettings = PPOSettings()
     off_policy: OffPolicySettings = OffPolicySettings()
     threads: int = Field(1, ge=1, description="Torch threads; more than one is slow where other programs run beside it")
+
+    @property
+    def is_on_policy(self) -> bool:
+        """Whether the algorithm learns from what its present policy does, with the settings below `ppo`."""
+        return self.algorithm in ("ppo", "recurrent_ppo")
+
+    @model_validator(mode="after")
+    def _takes_goals(self) -> "TrainConfig":
+        if self.algorithm == "crossq" and self.off_policy.her:
+            raise ValueError("off_policy: crossq sees observations as one vector, without goals to change: her: false")
+        return self
 
 
 class Experiment(_Strict):
@@ -217,7 +231,7 @@ class Experiment(_Strict):
     def _hints_are_there(self) -> "Experiment":
         if self.train.model_hints:
             ModelFeatures(self.env, self.options)
-            if self.train.algorithm != "ppo" and self.train.off_policy.her:
+            if not self.train.is_on_policy and self.train.off_policy.her:
                 raise ValueError("model_hints: true does not go with her: true, which changes goals but not features")
         return self
 
@@ -242,8 +256,8 @@ class Experiment(_Strict):
         train, levels = self.train, self.train.levels
         if levels is None:
             return self
-        if train.algorithm != "ppo":
-            raise ValueError(f"levels: needs algorithm: ppo, not {train.algorithm}")
+        if not train.is_on_policy:
+            raise ValueError(f"levels: needs algorithm: ppo or recurrent_ppo, not {train.algorithm}")
         if len(set(levels)) != len(levels) or len(levels) > train.ppo.num_envs:
             raise ValueError(f"levels {levels}: must be different ones, at most as many as ppo.num_envs")
         for level in levels:
@@ -267,9 +281,11 @@ class Experiment(_Strict):
     @model_validator(mode="after")
     def _hindsight_finds_episodes(self) -> "Experiment":
         off, limit = self.train.off_policy, gym.spec(self.env).max_episode_steps or 0
-        if self.train.algorithm != "ppo" and off.her and min(off.learning_starts, off.buffer_size) < limit:
+        least = limit * off.num_envs
+        if not self.train.is_on_policy and off.her and min(off.learning_starts, off.buffer_size) < least:
             raise ValueError(
-                f"off_policy: with her: true, learning_starts and buffer_size must be at least one episode, {limit}"
+                "off_policy: with her: true, learning_starts and buffer_size must be at least one episode of each "
+                f"environment, {least}"
             )
         return self
 

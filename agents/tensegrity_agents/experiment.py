@@ -32,7 +32,8 @@ def agent_name(experiment: Experiment) -> str:
     model gives some, "taught PPO agent" if a teacher came first, "taught agent" if it was all there was.
     """
     train = experiment.train
-    name = f"{train.algorithm.upper()} agent{' with model-based features' if train.model_hints else ''}"
+    algorithm = {"recurrent_ppo": "recurrent PPO", "crossq": "CrossQ"}.get(train.algorithm, train.algorithm.upper())
+    name = f"{algorithm} agent{' with model-based features' if train.model_hints else ''}"
     if train.teacher is None:
         return name
     return f"taught {name}" if train.teacher.timesteps < train.total_timesteps else "taught agent"

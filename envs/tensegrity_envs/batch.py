@@ -6,7 +6,7 @@ of one column, the vector shell of n; both run the same machine code.
 """
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.pytree import Schema, as_matrix, is_row
 from tensegrity_envs.compiler.threads import Threads
 from tensegrity_envs.dynamic_step import DynamicStep
-from tensegrity_envs.interface import Interface, Sampled
+from tensegrity_envs.interface import Interface, Outcome, Sampled
 from tensegrity_envs.randomization import Randomization
+from tensegrity_envs.simulation.protocol import Episode, State
 
 
 class InfoEntry(NamedTuple):
@@ -34,13 +35,13 @@ class Batch(Interface):
     """
 
     @cached_property
-    def _sampled_schemas(self) -> tuple[Schema, Schema, Schema]:
+    def _sampled_schemas(self) -> tuple[Schema[Episode], Schema[Any], Schema[Any]]:
         """Schemas of episodes, start configurations and start inputs, which are the same for all samples."""
         sampled = self.sample(np.zeros(1, np.int64), np.zeros(1, np.int64))
         return Schema(sampled.episode), Schema(sampled.configuration), Schema(sampled.inputs)
 
     @property
-    def episodes(self) -> Schema:
+    def episodes(self) -> Schema[Episode]:
         """The schema of a matrix of episodes."""
         return self._sampled_schemas[0]
 
@@ -49,12 +50,12 @@ class Batch(Interface):
         return Kernel(self.initial, *self._sampled_schemas)
 
     @property
-    def outcomes(self) -> Schema:
+    def outcomes(self) -> Schema[Outcome]:
         """The schema of a matrix of outcomes."""
         return self._begin.result
 
     @cached_property
-    def states(self) -> Schema:
+    def states(self) -> Schema[State]:
         """The schema of a matrix of states, which are the first rows of a matrix of outcomes."""
         return Schema(self.outcomes.rows.state, is_row, lambda row: row.kind)
 

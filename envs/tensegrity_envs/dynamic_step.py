@@ -10,6 +10,7 @@ from tensegrity_envs.compiler.pytree import Schema, is_row, tree_leaves
 from tensegrity_envs.interface import Interface
 from tensegrity_envs.simulation.dynamic import DynamicControl
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
+from tensegrity_envs.simulation.protocol import Episode, State
 
 if TYPE_CHECKING:
     from tensegrity_envs.simulation.mujoco.engine import Engine
@@ -26,7 +27,7 @@ class DynamicStep:
         states: schema of a matrix of states.
     """
 
-    def __init__(self, core: Interface, episodes: Schema, states: Schema) -> None:
+    def __init__(self, core: Interface, episodes: Schema[Episode], states: Schema[State]) -> None:
         self._core, self.episodes, self.states = core, episodes, states
 
     @cached_property

@@ -79,12 +79,12 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
     @property
     def episode(self) -> Episode:
         """The present episode, with its hidden parameters (privileged)."""
-        return self.core.episodes.unpack(self._running()[:, 0])  # type: ignore[no-any-return]
+        return self.core.episodes.unpack(self._running()[:, 0])
 
     @property
     def episodes(self) -> Episode:
         """The same as a batch of one, for controllers (privileged)."""
-        return self.core.episodes.unpack(self._running().copy())  # type: ignore[no-any-return]
+        return self.core.episodes.unpack(self._running().copy())
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -143,14 +143,13 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         """An option of `reset` as components of shape (1,)."""
         if value is None:
             return None
-        space = self.observation_space["desired_goal"].shape  # type: ignore[index]
-        size = space if name == "target" else (len(self.core.outcomes.rows.state.configuration),)
+        rows = self.core.outcomes.rows.state.configuration if name == "configuration" else self.core.episodes.rows.goal
         try:
             array = np.array(value, float)
         except (TypeError, ValueError):
             array = np.zeros(0)
-        if array.shape != size or not np.isfinite(array).all():
-            raise ValueError(f"reset option {name!r} = {value!r}: must be {size[0]} finite numbers")
+        if array.shape != (len(rows),) or not np.isfinite(array).all():
+            raise ValueError(f"reset option {name!r} = {value!r}: must be {len(rows)} finite numbers")
         return tuple(array[:, None])
 
     def step(self, action: ArrayLike) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
@@ -181,7 +180,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def _state(self) -> State:
-        return self.core.outcomes.unpack(self._outcome[:, 0]).state  # type: ignore[no-any-return]
+        return self.core.outcomes.unpack(self._outcome[:, 0]).state
 
     def _observation(self) -> dict[str, np.ndarray]:
         return self._teller.observation(self._outcome)

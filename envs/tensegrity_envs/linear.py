@@ -143,7 +143,7 @@ def _usual(core: Core, mechanism: Any, q: np.ndarray, inputs: np.ndarray | None,
         return inputs
     control: Any = getattr(core.simulation, "control", core.simulation)
     if hasattr(control, "usual_inputs"):
-        force = (0.0,) * core.observation_space["desired_goal"].shape[0] if load is None else tuple(load.tolist())  # type: ignore[index]
+        force = (0.0,) * len(core.episodes.rows.goal) if load is None else tuple(load.tolist())
         return np.array(control.usual_inputs(mechanism, tuple(q.tolist()), force), float)
     if load is not None:
         raise ValueError("linearize: under a load, the inputs must be given")

@@ -94,7 +94,8 @@ class EpisodeStream:
     """The draws of a batch of episodes, one after another, so that no number is used twice."""
 
     def __init__(self, seed: np.ndarray, episode: np.ndarray, first: int = 0) -> None:
-        self._keys, self._next = _keys(seed, episode), first
+        self._keys = _keys(seed, episode)
+        self._next: Any = first  # a number, or one for each episode
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> np.ndarray:
         """The next number of every episode, shape (n,)."""
@@ -123,7 +124,7 @@ class EpisodeStream:
         """
         part = copy(self)
         part._keys = np.tile(self._keys[index], count)
-        part._next = self._next + np.repeat(np.arange(count) * draws, len(index))  # type: ignore[assignment]
+        part._next = self._next + np.repeat(np.arange(count) * draws, len(index))
         return part
 
 

@@ -120,7 +120,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
     @property
     def episode(self) -> Episode:
         """The present episodes, with their hidden parameters of shape (num_envs,) (privileged)."""
-        return self.core.episodes.unpack(self._running().copy())  # type: ignore[no-any-return]
+        return self.core.episodes.unpack(self._running().copy())
 
     @property
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,7 @@
 """Scripts as the command line runs them, without a process of their own."""
 
-import importlib.util
+import re
+from importlib import import_module
 from pathlib import Path
 
 import typer
@@ -11,11 +12,9 @@ ROOT = Path(__file__).parents[2]
 
 def run(script, *arguments):
     """The exit code and all that was printed; a traceback counts as such."""
-    spec = importlib.util.spec_from_file_location(script, ROOT / "scripts" / f"{script}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    name = re.search(r'^    run\("(\w+)"\)$', (ROOT / "scripts" / f"{script}.py").read_text(), re.MULTILINE)[1]
     app = typer.Typer()
-    app.command()(module.main)
+    app.command()(import_module(f"tensegrity_agents.command.{name}").main)
     result = CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200", "TERMINAL_WIDTH": "200"})
     text = result.output
     if result.exception is not None and not isinstance(result.exception, SystemExit):

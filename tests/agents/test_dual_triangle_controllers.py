@@ -4,7 +4,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import tensegrity_envs  # noqa: F401  (registers the ids)
 from tensegrity_agents.controllers import baselines_of, make_controller
 from tensegrity_agents.controllers.dual_triangle import Observer
 from tensegrity_agents.controllers.dual_triangle.identification import advance, explain

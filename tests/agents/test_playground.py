@@ -2,9 +2,8 @@
 
 import json
 import re
-import runpy
 from dataclasses import replace
-from pathlib import Path
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -238,7 +237,7 @@ def test_pages_are_worked_by_pointer_and_keyboard(in_browser, name, size, tmp_pa
 
 def test_the_command_writes_pages_and_knows_the_mechanisms(tmp_path):
     app = typer.Typer()
-    app.command()(runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "playground.py"))["main"])
+    app.command()(import_module("tensegrity_agents.command.playground").main)
     done = CliRunner().invoke(app, ["two-x", "--out", str(tmp_path)])
     assert done.exit_code == 0
     assert [path.name for path in tmp_path.iterdir()] == ["two-x.html"]

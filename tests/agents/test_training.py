@@ -184,6 +184,17 @@ VARIANTS = {
         "train": SMALL["train"]
         | {"total_timesteps": 1024, "segment_timesteps": 768, "ppo": SMALL["train"]["ppo"] | {"num_envs": 16}},
     },
+    "recurrent": SMALL
+    | {
+        "train": SMALL["train"]
+        | {
+            "algorithm": "recurrent_ppo",
+            "total_timesteps": 2048,
+            "segment_timesteps": 1536,
+            "lstm_hidden_size": 8,
+            "ppo": SMALL["train"]["ppo"] | {"num_envs": 16},
+        },
+    },
     "hints": {
         "env": "tensegrity/PlanarFourBarLoadedReach-v0",
         "train": SMALL["train"] | {"total_timesteps": 4096, "segment_timesteps": 500_000, "model_hints": True},
@@ -332,24 +343,65 @@ def test_the_curve_without_noise_is_that_of_the_policy(trained):
     assert curve["return"][-1] == run.columns["return"].mean()
 
 
-@pytest.mark.parametrize("algorithm", ["sac", "tqc"])
-def test_off_policy_with_hindsight_trains_and_is_stored(algorithm, tmp_path):
-    experiment = Experiment(
-        env=REACH,
-        train={
-            "algorithm": algorithm,
-            "total_timesteps": 400,
-            "segment_timesteps": 250,
-            "net_arch": [16],
-            "env_options": {"reward_type": "sparse"},
-            "off_policy": {"learning_starts": 150, "batch_size": 32},
-        },
-    )
+ALGORITHMS = {
+    "recurrent_ppo": {"ppo": {"num_envs": 4, "n_steps": 16, "batch_size": 32, "n_epochs": 2}, "lstm_hidden_size": 8},
+    "sac": {"env_options": {"reward_type": "sparse"}, "off_policy": {"learning_starts": 150, "batch_size": 32}},
+    "tqc": {"env_options": {"reward_type": "sparse"}, "off_policy": {"learning_starts": 150, "batch_size": 32}},
+    "td3": {"off_policy": {"learning_starts": 220, "batch_size": 32, "num_envs": 2}},
+    "crossq": {"off_policy": {"learning_starts": 50, "batch_size": 32, "num_envs": 4, "her": False}},
+}
+
+
+@pytest.mark.parametrize("algorithm", list(ALGORITHMS))
+def test_every_algorithm_trains_and_its_policy_is_stored(algorithm, tmp_path):
+    """The stored policy does what the trained one does, also over an episode and with a history."""
+    settings = {"algorithm": algorithm, "total_timesteps": 400, "segment_timesteps": 250, "net_arch": [16]}
+    experiment = Experiment(env=REACH, train=settings | ALGORITHMS[algorithm] | {"history": 1})
     policy = train(experiment, 0, tmp_path)
-    observation, _ = gym.make(REACH).reset(seed=0)
-    action, _ = load_policy(tmp_path, REACH).predict(observation)
-    assert action.shape == (2,)
-    np.testing.assert_array_equal(action, policy.predict(observation)[0])
+    loaded = load_policy(tmp_path, REACH)
+    env = gym.make(REACH)
+    observation, _ = env.reset(seed=0)
+    states = [None, None]
+    for _ in range(5):
+        actions = []
+        for k, agent in enumerate((policy, loaded)):
+            action, states[k] = agent.predict(observation, states[k], np.array([states[k] is None]))
+            actions.append(action)
+        assert actions[0].shape == (2,)
+        np.testing.assert_array_equal(*actions)
+        observation, *_ = env.step(actions[0])
+
+
+def test_every_algorithm_of_a_config_is_there():
+    """Beside PPO, which most tests train, each has a model, a policy class and a row in the test above."""
+    from typing import get_args
+
+    from tensegrity_agents.config import TrainConfig
+    from tensegrity_agents.sb3.algorithms import _MODELS
+    from tensegrity_agents.sb3.policy_file import POLICIES
+
+    names = set(get_args(TrainConfig.model_fields["algorithm"].annotation))
+    assert names == set(_MODELS) == set(POLICIES) == {"ppo", *ALGORITHMS}
+
+
+def test_crossq_sees_what_the_others_see():
+    """Its flat observation is what the features extractor of the others makes of theirs."""
+    from tensegrity_agents.sb3.features import GoalErrorExtractor
+    from tensegrity_agents.sb3.flat import Flattening
+
+    env = gym.make(REACH)
+    extractor = GoalErrorExtractor(env.observation_space, (0.5, 0.1), 0.3)
+    observation, _ = env.reset(seed=3)
+    flat = Flattening(extractor)(observation)
+    error = observation["desired_goal"] - observation["achieved_goal"]
+    by_hand = [
+        observation["observation"],
+        observation["desired_goal"] / 0.3,
+        np.tanh(error / 0.5),
+        np.tanh(error / 0.1),
+    ]
+    np.testing.assert_allclose(flat, np.concatenate(by_hand), rtol=1e-6)
+    assert flat.shape == Flattening(extractor).space.shape
 
 
 def test_hindsight_relabels_with_the_dense_reward_too():

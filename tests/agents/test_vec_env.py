@@ -6,7 +6,6 @@ import pytest
 from stable_baselines3 import PPO, SAC, HerReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 
-import tensegrity_envs  # noqa: F401
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
 REACH = "tensegrity/TwoXTensionReach-v0"

@@ -83,7 +83,7 @@ def table(rows: list[Row]) -> str:
 
 def main() -> int:
     """Run the clients, print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+    parser = argparse.ArgumentParser(description="Run the clients, print the table.")
     parser.add_argument("--client", action="append", choices=list(REQUIREMENTS), help="only this one; may be repeated")
     parser.add_argument("--venvs", type=Path, help="keep the virtual environments in this folder, and use them again")
     parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE.relative_to(ROOT)}")

@@ -34,7 +34,7 @@ def pictures(envs: Vector) -> Vector:
     """The rendered pictures as observations, for wrappers of pictures."""
     one = gym.spaces.Box(0, 255, (SIDE, SIDE, 3), np.uint8)
     batch = gym.vector.utils.batch_space(one, envs.num_envs)
-    return wrappers.TransformObservation(envs, lambda _: np.stack(envs.render()), batch, one)  # type: ignore[arg-type]
+    return wrappers.TransformObservation(envs, lambda _: np.stack(envs.render()), batch, one)
 
 
 def array_conversion(envs: Vector) -> Vector:

@@ -68,8 +68,8 @@ def hindsight(env_id: str) -> str:
     np.random.seed(0)  # noqa: NPY002  (Tianshou's buffers draw from it)
     torch.manual_seed(0)
     env = gym.make(env_id, reward_type="sparse")
-    reward = env.unwrapped.compute_reward  # type: ignore[attr-defined]
-    tolerance = env.unwrapped.core.task.tolerance  # type: ignore[attr-defined]
+    reward = env.unwrapped.compute_reward
+    tolerance = env.unwrapped.core.task.tolerance
     envs = DummyVectorEnv([lambda: gym.make(env_id, reward_type="sparse") for _ in range(2)])
     buffer = HERVectorReplayBuffer(
         4 * STEPS, buffer_num=2, compute_reward_fn=lambda achieved, goal: reward(achieved, goal, None), horizon=HORIZON

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from scipy.stats import ks_2samp
 
-import tensegrity_envs  # noqa: F401
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.controllers.dual_triangle import PseudoInverse
 from tensegrity_envs import termination_reason

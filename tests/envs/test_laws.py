@@ -334,7 +334,7 @@ def test_bad_options_are_named(env_id):
         ({"render_mode": "ansi"}, "render_mode"),
     ):
         with pytest.raises(ValueError, match=message):
-            make(env_id, **options).unwrapped.core  # noqa: B018
+            _ = make(env_id, **options).unwrapped.core
     with pytest.raises(TypeError, match="design"):
         make(env_id, design=3)
     with pytest.raises(TypeError, match="did you mean 'tolerance'"):

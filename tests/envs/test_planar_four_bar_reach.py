@@ -6,7 +6,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import tensegrity_envs  # noqa: F401
 from tensegrity_envs import termination_reason
 from tensegrity_envs.mechanics import JI2014, PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.vector_env import step_info

@@ -4,7 +4,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import tensegrity_envs  # noqa: F401
 from tensegrity_envs.randomization import Randomization
 
 REST = ("tensegrity/TwoXTensionReach-v0", "tensegrity/TwoXPayloadReach-v0", "tensegrity/DualTriangleLoadedReach-v0")

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import tensegrity_envs  # noqa: F401
 from tensegrity_envs.mechanics import JAHROMY, SpatialPrism, SpatialPrismDesign
 from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES
 

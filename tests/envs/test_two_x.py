@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-import tensegrity_envs  # noqa: F401
 from tensegrity_envs import termination_reason
 from tensegrity_envs.environments.two_x.sampling import Sampler
 from tensegrity_envs.mechanics import MURALIDHARAN2022, TwoX
@@ -116,7 +115,7 @@ def _held_stably(arm, q):
     tensions = []
     for joint in (0, 1):
         passive = slope(lambda p: arm.potential_energy(p, zero), joint)
-        left, right = (slope(lambda p, k=k: arm.cable_lengths(p)[2 * joint + k], joint) for k in (0, 1))  # noqa: B023
+        left, right = (slope(lambda p, k=2 * joint + side: arm.cable_lengths(p)[k], joint) for side in (0, 1))
         f_left = np.linspace(5, 155, 3001)
         f_right = -(passive + f_left * left) / right
         allowed = (f_right >= 5) & (f_right <= 155)

@@ -59,10 +59,10 @@ def test_each_autoreset_mode_is_that_of_gymnasiums_vector(env_id, mode):
     for mine, other in zip(ours.reset(seed=7), theirs.reset(seed=7), strict=True):
         assert_same(mine, other)
     rng = np.random.default_rng(0)
-    ended = 0
+    ended, done = 0, np.zeros(ours.num_envs, bool)
     for step in range(40):
-        if mode is AutoresetMode.DISABLED and step and done.any():  # noqa: F821
-            for mine, other in zip(*(e.reset(options={"reset_mask": done.copy()}) for e in (ours, theirs))):  # noqa: F821
+        if mode is AutoresetMode.DISABLED and done.any():
+            for mine, other in zip(*(e.reset(options={"reset_mask": done.copy()}) for e in (ours, theirs))):
                 assert_same(mine, other)
         action = rng.uniform(-1, 1, ours.action_space.shape).astype(np.float32)
         mine, other = ours.step(action), theirs.step(action)

@@ -120,7 +120,7 @@ def test_arrays_with_tensors_are_refused(mechanism, name, argument):
 
 def test_one_number_for_several_is_refused():
     with pytest.raises(TypeError, match=r"^q = 0\.3: must be 2: alpha_1, alpha_2"):
-        TwoX().tip(0.3)  # type: ignore[arg-type]
+        TwoX().tip(0.3)
 
 
 def test_the_message_names_the_numbers():

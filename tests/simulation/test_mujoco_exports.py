@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
-mujoco = pytest.importorskip("mujoco", reason='MuJoCo is not installed: pip install "tensegrity-envs[mujoco]"')
-
-from tensegrity_envs.mechanics import (  # noqa: E402
+from tensegrity_envs.mechanics import (
     JAHROMY,
     JI2014,
     MURALIDHARAN2022,
@@ -18,7 +17,7 @@ from tensegrity_envs.mechanics import (  # noqa: E402
     SpatialPrism,
     TwoX,
 )
-from tensegrity_envs.simulation.mujoco import Dynamics, MujocoModel  # noqa: E402
+from tensegrity_envs.simulation.mujoco import Dynamics, MujocoModel
 
 MODELS = {
     "2-X": (TwoX(replace(MURALIDHARAN2022, joint_limit=2.6)), {}),

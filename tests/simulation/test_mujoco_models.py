@@ -5,12 +5,10 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
-
-mujoco = pytest.importorskip("mujoco", reason='MuJoCo is not installed: pip install "tensegrity-envs[mujoco]"')
-
-from mujoco_measurements import (  # noqa: E402
+from mujoco_measurements import (
     MECHANISMS,
     drift,
     energies,
@@ -20,7 +18,7 @@ from mujoco_measurements import (  # noqa: E402
     stress,
 )
 
-from tensegrity_envs.mechanics import (  # noqa: E402
+from tensegrity_envs.mechanics import (
     FURET2018,
     MURALIDHARAN2022,
     ZHAO2021_CAPTION,
@@ -28,7 +26,7 @@ from tensegrity_envs.mechanics import (  # noqa: E402
     DualTriangleDesign,
     TwoX,
 )
-from tensegrity_envs.simulation.mujoco import Dynamics, MujocoModel  # noqa: E402
+from tensegrity_envs.simulation.mujoco import Dynamics, MujocoModel
 
 every_mechanism = pytest.mark.parametrize("name", MECHANISMS)
 MODELS = {}

@@ -3,12 +3,10 @@
 import math
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
-
-mujoco = pytest.importorskip("mujoco", reason='MuJoCo is not installed: pip install "tensegrity-envs[mujoco]"')
-
-from prismatic_measurements import (  # noqa: E402
+from prismatic_measurements import (
     DYNAMICS,
     FOUR_BAR,
     PRISM,
@@ -19,11 +17,11 @@ from prismatic_measurements import (  # noqa: E402
     model_of,
     settle,
 )
-from scipy.spatial.transform import Rotation  # noqa: E402
+from scipy.spatial.transform import Rotation
 
-from tensegrity_envs.mechanics import JAHROMY, JI2014, PlanarFourBar, SpatialPrism  # noqa: E402
-from tensegrity_envs.simulation.mujoco import Dynamics, MujocoModel  # noqa: E402
-from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagonals  # noqa: E402
+from tensegrity_envs.mechanics import JAHROMY, JI2014, PlanarFourBar, SpatialPrism
+from tensegrity_envs.simulation.mujoco import Dynamics, MujocoModel
+from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagonals
 
 every_name = pytest.mark.parametrize("name", DYNAMICS)
 

@@ -63,6 +63,9 @@ def tensegrity() -> None:
     """
 
 
-def run() -> None:
-    """The entry point."""
-    app(prog_name="tensegrity")
+def run(name: str | None = None) -> None:
+    """The entry point of the program, and of the scripts, each of which is one of its subcommands."""
+    if name is None:
+        app(prog_name="tensegrity")
+    else:
+        load(name)()

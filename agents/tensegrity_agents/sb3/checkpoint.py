@@ -1,7 +1,6 @@
 """Checkpoints of a training: all that what follows depends on, in a file that runs nothing when it is read."""
 
 import os
-import random
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,13 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from pydantic import BaseModel
+from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from tensegrity_agents.config import OffPolicySettings, PPOSettings, TeacherSettings, TrainConfig
+from tensegrity_agents.sb3 import random_numbers
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.errors import TrainingError
 from tensegrity_agents.sb3.levels import LevelsVecEnv
+from tensegrity_agents.sb3.policy_file import statistics_of
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
 CHECKPOINT = "checkpoint.pt"
@@ -55,8 +57,7 @@ def keep(path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNo
         env: its environments.
         so_far: how far the training has come.
     """
-    assert isinstance(env.obs_rms, dict)
-    rms = env.obs_rms["observation"]
+    rms = statistics_of(env)
     content = {
         "described": described,
         "parameters": model.get_parameters(),
@@ -110,8 +111,7 @@ def _restored(content: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) 
     if content["entropy"] is not None:
         off_policy: Any = model
         off_policy.log_ent_coef.data.copy_(content["entropy"].data)
-    assert isinstance(env.obs_rms, dict)
-    rms = env.obs_rms["observation"]
+    rms = statistics_of(env)
     rms.mean, rms.var, rms.count = saved["mean"].numpy(), saved["var"].numpy(), saved["count"]
     model.num_timesteps = content["num_timesteps"]
     if hasattr(model, "_n_updates"):
@@ -125,7 +125,6 @@ def running_state(model: BaseAlgorithm, env: VecNormalize) -> dict[str, Any]:
     """What a training on native environments depends on between two rollouts, beside model and normalization."""
     monitor, augmented, adapter = _parts(env)
     memories = [None if one.memory is None else list(one.memory) for one in augmented]
-    name, keys, *rest = np.random.get_state()  # noqa: NPY002  (SB3 draws from it)
     return {
         "environments": adapter.shell.get_state(),
         "returns": monitor.episode_returns.copy(),
@@ -133,10 +132,15 @@ def running_state(model: BaseAlgorithm, env: VecNormalize) -> dict[str, Any]:
         "memories": memories,
         "observation": model._last_obs,
         "starts": model._last_episode_starts,
-        "torch": torch.get_rng_state(),
-        "numpy": [name, np.asarray(keys).tolist(), *rest],
-        "python": random.getstate(),
+        "hidden": _hidden_state(model),
+        **random_numbers.get_state(),
     }
+
+
+def _hidden_state(model: BaseAlgorithm) -> list[torch.Tensor] | None:
+    """What a recurrent policy carries from step to step; None if there is none."""
+    states = getattr(model, "_last_lstm_states", None)
+    return None if states is None else [part for pair in states for part in pair]
 
 
 def go_on(state: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> None:
@@ -148,11 +152,11 @@ def go_on(state: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> Non
     for one, memory in zip(augmented, state["memories"], strict=True):
         one.memory = None if memory is None else type(one.memory)(*memory)
     model._last_obs, model._last_episode_starts = state["observation"], state["starts"]
-    torch.set_rng_state(torch.from_numpy(state["torch"]))
-    name, keys, *rest = state["numpy"]
-    np.random.set_state((name, np.array(keys, np.uint32), *rest))  # noqa: NPY002
-    version, internal, gauss = state["python"]
-    random.setstate((version, tuple(internal), gauss))
+    if state.get("hidden") is not None:
+        recurrent: Any = model
+        pi_h, pi_c, vf_h, vf_c = (torch.as_tensor(part) for part in state["hidden"])
+        recurrent._last_lstm_states = RNNStates((pi_h, pi_c), (vf_h, vf_c))
+    random_numbers.set_state(state)
 
 
 def with_later_settings(before: dict[str, Any], described: dict[str, Any]) -> dict[str, Any]:

@@ -15,19 +15,31 @@ from gymnasium import spaces
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
+from sb3_contrib.common.recurrent.policies import RecurrentMultiInputActorCriticPolicy
+from sb3_contrib.crossq.policies import CrossQPolicy
 from sb3_contrib.tqc.policies import MultiInputPolicy as TQCPolicy
 from stable_baselines3.common.policies import BasePolicy, MultiInputActorCriticPolicy
+from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import MultiInputPolicy as SACPolicy
+from stable_baselines3.td3.policies import MultiInputPolicy as TD3Policy
 
 from tensegrity_agents.controllers.model_features import ModelFeatures
 from tensegrity_agents.sb3.augmented import Augmentation
 from tensegrity_agents.sb3.features import GoalErrorExtractor
+from tensegrity_agents.sb3.flat import Flattening
 from tensegrity_agents.sb3.history import History
 
 FORMAT = 1
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
-_POLICIES: dict[str, Any] = {"ppo": MultiInputActorCriticPolicy, "sac": SACPolicy, "tqc": TQCPolicy}
+POLICIES: dict[str, Any] = {
+    "ppo": MultiInputActorCriticPolicy,
+    "recurrent_ppo": RecurrentMultiInputActorCriticPolicy,
+    "sac": SACPolicy,
+    "td3": TD3Policy,
+    "tqc": TQCPolicy,
+    "crossq": CrossQPolicy,  # which takes no Dict
+}
 _ACTIVATIONS = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh}
 _NORMALIZE = "normalize."
 
@@ -38,7 +50,7 @@ class PolicyFileError(ValueError):
 
 @dataclass
 class Normalization:
-    """Running statistics of the "observation" entry, as VecNormalize applies them."""
+    """Running statistics of the "observation" entry or of flat observations, as VecNormalize applies them."""
 
     mean: np.ndarray
     variance: np.ndarray
@@ -47,19 +59,29 @@ class Normalization:
 
     @classmethod
     def of(cls, normalizer: VecNormalize) -> "Normalization":
-        """The statistics of a VecNormalize that normalizes "observation" alone."""
-        assert isinstance(normalizer.obs_rms, dict)
-        rms = normalizer.obs_rms["observation"]
+        """The statistics of a VecNormalize that normalizes "observation" alone, or flat observations."""
+        rms = statistics_of(normalizer)
         return cls(rms.mean.copy(), rms.var.copy(), float(normalizer.clip_obs), float(normalizer.epsilon))
+
+    def of_flat(self, values: Any) -> np.ndarray:
+        """The normalized vector or vectors."""
+        scaled = (np.asarray(values) - self.mean) / np.sqrt(self.variance + self.epsilon)
+        clipped: np.ndarray = np.clip(scaled, -self.clip, self.clip).astype(np.float32)
+        return clipped
 
     def __call__(self, observation: dict[str, Any]) -> dict[str, np.ndarray]:
         """The normalized observation."""
-        values = (np.asarray(observation["observation"]) - self.mean) / np.sqrt(self.variance + self.epsilon)
         return {
-            "observation": np.clip(values, -self.clip, self.clip).astype(np.float32),
+            "observation": self.of_flat(observation["observation"]),
             "achieved_goal": np.asarray(observation["achieved_goal"], np.float32),
             "desired_goal": np.asarray(observation["desired_goal"], np.float32),
         }
+
+
+def statistics_of(normalizer: VecNormalize) -> RunningMeanStd:
+    """The running statistics of what is normalized: the entry "observation", or flat observations."""
+    rms = normalizer.obs_rms
+    return rms["observation"] if isinstance(rms, dict) else rms
 
 
 class TrainedPolicy:
@@ -68,13 +90,16 @@ class TrainedPolicy:
     Attributes:
         knows: its information set in words, for tables.
         augmentations: what is appended to its observations before they are normalized, one after another.
+        flattening: what makes one vector of them after that; None where the policy takes a Dict.
     """
 
     def __init__(self, policy: BasePolicy, normalization: Normalization, description: dict[str, Any]) -> None:
         self.policy, self.normalization, self.description = policy, normalization, description
         self.augmentations = augmentations(description)
+        self.flattening = flattening(description)
         told = "what it observes, and what the nominal model says about that"
-        remembered = "what it observes and has observed in the episode" if description.get("history") else ""
+        remembers = description.get("history") or description["algorithm"] == "recurrent_ppo"
+        remembered = "what it observes and has observed in the episode" if remembers else ""
         sees = told if description.get("model_hints") else remembered or "only what it observes"
         has_teacher = (description.get("train") or {}).get("teacher")
         self.knows = (
@@ -85,13 +110,18 @@ class TrainedPolicy:
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Actions for one observation or a batch, and what is remembered for the next."""
+        before, hidden = (None, None) if state is None else state
         memories = []
         for k, augmentation in enumerate(self.augmentations):
-            observation, memory = augmentation(observation, None if state is None else state[k], episode_start)
+            observation, memory = augmentation(observation, None if before is None else before[k], episode_start)
             memories.append(memory)
-        actions, _ = self.policy.predict(self.normalization(observation), deterministic=deterministic)
+        seen: Any = self.normalization.of_flat(self.flattening(observation)) if self.flattening else None
+        if seen is None:
+            seen = self.normalization(observation)
+        actions, hidden = self.policy.predict(seen, hidden, episode_start, deterministic)
         pairs = zip(self.augmentations, memories, strict=True)
-        return actions, [augmentation.acted(memory, actions) for augmentation, memory in pairs] or None
+        after = [augmentation.acted(memory, actions) for augmentation, memory in pairs]
+        return actions, (after, hidden) if after or hidden is not None else None
 
 
 def augmentations(description: Mapping[str, Any]) -> list[Augmentation]:
@@ -113,25 +143,47 @@ def augmentations(description: Mapping[str, Any]) -> list[Augmentation]:
     return found
 
 
-def policy_kwargs(
-    algorithm: str,
-    net_arch: list[int],
-    activation: str,
-    goal_error_scales: list[float],
-    goal_is_angles: bool = False,
-    goal_scale: float = 0.5,
-) -> dict[str, Any]:
-    """Arguments of the SB3 policy class, from what the JSON file records."""
+def flattening(description: Mapping[str, Any]) -> Flattening | None:
+    """What makes one vector of observations; None where the policy of this description takes a Dict.
+
+    Args:
+        description: of a policy or its training.
+    """
+    if description["algorithm"] != "crossq":
+        return None
+    return Flattening(GoalErrorExtractor(_seen_space(description), **_extractor_kwargs(description)))
+
+
+def _seen_space(description: Mapping[str, Any]) -> spaces.Dict:
+    """The observation space with what is appended according to a description."""
+    space = _spaces(description["env"], description.get("options"))[0]
+    for augmentation in augmentations(description):
+        space = augmentation.space(space)
+    return space
+
+
+def _extractor_kwargs(description: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        "net_arch": list(net_arch),
-        "activation_fn": _ACTIVATIONS[activation],
-        "features_extractor_class": GoalErrorExtractor,
-        "features_extractor_kwargs": {
-            "scales": tuple(goal_error_scales),
-            "angles": goal_is_angles,
-            "goal_scale": goal_scale,
-        },
+        "scales": tuple(description["goal_error_scales"]),
+        "angles": bool(description.get("goal_is_angles", False)),
+        "goal_scale": float(description.get("goal_scale", 0.5)),
     }
+
+
+def policy_kwargs(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of the SB3 policy class.
+
+    Args:
+        description: of a policy or its training, as the JSON file has it.
+    """
+    algorithm = description["algorithm"]
+    kwargs = {"net_arch": list(description["net_arch"]), "activation_fn": _ACTIVATIONS[description["activation"]]}
+    if algorithm != "crossq":  # whose observations are flattened outside
+        kwargs |= {
+            "features_extractor_class": GoalErrorExtractor,
+            "features_extractor_kwargs": _extractor_kwargs(description),
+        }
+    return kwargs | ({"lstm_hidden_size": int(description["lstm_hidden_size"])} if algorithm == "recurrent_ppo" else {})
 
 
 def save_policy(folder: Path, agent: TrainedPolicy) -> None:
@@ -190,8 +242,7 @@ def load_policy(
     try:
         description = json.loads(description_file.read_text())
         wanted = description["env"], description["algorithm"], description["sha256"], description["format"]
-        settings = [description[key] for key in ("net_arch", "activation", "goal_error_scales")]
-        settings += [bool(description.get("goal_is_angles", False)), float(description.get("goal_scale", 0.5))]
+        _, _, activation = (description[key] for key in ("net_arch", "goal_error_scales", "activation"))
         clip, epsilon = (float(description["normalization"][key]) for key in ("clip", "epsilon"))
         shapes, action_size = description["observation_shapes"], description["action_size"]
         trained_with = dict(description.get("options") or {})
@@ -200,10 +251,10 @@ def load_policy(
             f"{description_file}: not a description of a policy of this package ({error!r})"
         ) from error
     env, algorithm, digest, version = wanted
-    if version != FORMAT or algorithm not in _POLICIES or settings[1] not in _ACTIVATIONS:
+    if version != FORMAT or algorithm not in POLICIES or activation not in _ACTIVATIONS:
         raise PolicyFileError(
-            f"{description_file}: format {version!r}, algorithm {algorithm!r}, activation {settings[1]!r}; "
-            f"this package reads format {FORMAT}, {', '.join(_POLICIES)}, {', '.join(_ACTIVATIONS)}"
+            f"{description_file}: format {version!r}, algorithm {algorithm!r}, activation {activation!r}; "
+            f"this package reads format {FORMAT}, {', '.join(POLICIES)}, {', '.join(_ACTIVATIONS)}"
         )
     if env_id is not None and (env != env_id or trained_with != (options or {})):
         observation_space, action_space = _spaces(env_id, options)
@@ -224,11 +275,12 @@ def load_policy(
         raise PolicyFileError(f"{weights}: not a safetensors file ({error})") from error
     try:
         mean, variance = (tensors.pop(_NORMALIZE + key).numpy() for key in ("mean", "variance"))
-        observation_space, action_space = _spaces(env, trained_with)
-        for augmentation in augmentations(description):
-            observation_space = augmentation.space(observation_space)
-        policy = _POLICIES[algorithm](
-            observation_space, action_space, lambda _: 0.0, **policy_kwargs(algorithm, *settings)
+        flat = flattening(description)
+        policy = POLICIES[algorithm](
+            _seen_space(description) if flat is None else flat.space,
+            _spaces(env, trained_with)[1],
+            lambda _: 0.0,
+            **policy_kwargs(description),
         )
         policy.load_state_dict(tensors)
     except (KeyError, RuntimeError, TypeError, ValueError, gym.error.Error) as error:

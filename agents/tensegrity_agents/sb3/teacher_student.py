@@ -376,6 +376,6 @@ class Lessons:
             loss = torch.nn.functional.smooth_l1_loss(told, shown, beta=settings.beta, reduction="none")
             loss = (torch.from_numpy(self.weight[place]) * loss).mean()
             self.optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
+            torch.autograd.backward(loss)
             self.optimizer.step()
         policy.set_training_mode(False)

@@ -9,29 +9,24 @@ replay buffer, which is not kept: after a resume they begin a new segment, and t
 goes on, so their results differ from an uninterrupted run, though not in kind.
 """
 
-import random
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
 import torch
-from sb3_contrib import TQC
-from stable_baselines3 import PPO, SAC, HerReplayBuffer
+from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecNormalize
 
 from tensegrity_agents import env_options
 from tensegrity_agents.config import Experiment
-from tensegrity_agents.sb3.augmented import AugmentedVecEnv
+from tensegrity_agents.sb3 import random_numbers
+from tensegrity_agents.sb3.algorithms import make_environment, make_model
 from tensegrity_agents.sb3.checkpoint import (
     CHECKPOINT,
     Progressed,
@@ -52,16 +47,9 @@ from tensegrity_agents.sb3.curve import (
     write_curve,
 )
 from tensegrity_agents.sb3.errors import TrainingError, TrainingInterruptedError
-from tensegrity_agents.sb3.levels import LevelsVecEnv
-from tensegrity_agents.sb3.policy_file import (
-    Normalization,
-    TrainedPolicy,
-    augmentations,
-    policy_kwargs,
-    save_policy,
-)
+from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, save_policy
+from tensegrity_agents.sb3.stopping import stopping
 from tensegrity_agents.sb3.teacher_student import Lessons
-from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
 __all__ = [
     "CHECKPOINT",
@@ -78,32 +66,6 @@ __all__ = [
 Progress = Callable[[int, int, float], None]
 
 
-class _Stop:
-    """Whether a signal has asked to stop; the second one interrupts at once."""
-
-    number: int | None = None
-
-    def __call__(self, number: int, frame: FrameType | None) -> None:
-        if self.number is not None:
-            raise KeyboardInterrupt
-        self.number = number
-
-
-@contextmanager
-def _stopping() -> Iterator[_Stop]:
-    """Notes SIGINT and SIGTERM instead of dying from them; only the main thread can."""
-    stop = _Stop()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 class _Training(BaseCallback):
     """One training: its model and environments, how far it has come, and what is done between two rollouts."""
 
@@ -114,7 +76,7 @@ class _Training(BaseCallback):
         self.experiment, self.seed, self.folder = experiment, seed, folder
         self.report, self.checkpoint_seconds = progress, checkpoint_seconds
         self.settings = experiment.train
-        self.on_policy = self.settings.algorithm == "ppo"
+        self.on_policy = self.settings.is_on_policy
         self.options = env_options.canonical(experiment.env, experiment.options)
         self.described = {
             "env": experiment.env,
@@ -122,8 +84,8 @@ class _Training(BaseCallback):
             "options": self.options,
             **self.settings.model_dump(mode="json"),
         }
-        self.env = _environment(experiment)
-        self.algorithm = _model(experiment, self.env, seed)
+        self.env = make_environment(experiment)
+        self.algorithm = make_model(experiment, self.env, seed)
         limit = experiment.training_options.get("max_episode_steps", gym.spec(experiment.env).max_episode_steps)
         self.episodes = CompleteEpisodes(self.env.num_envs, None if limit == -1 else limit, self.on_policy)
         self.evaluate = Evaluations(experiment)
@@ -173,7 +135,7 @@ class _Training(BaseCallback):
         """
         total, model = self.settings.total_timesteps, self.algorithm
         self.begun = time.monotonic() - self.seconds
-        with _stopping() as self.stop:
+        with stopping() as self.stop:
             if self.lessons is not None:
                 self._be_taught(self.lessons)
             while model.num_timesteps < total:
@@ -226,6 +188,7 @@ class _Training(BaseCallback):
             "goal_scale": settings.goal_scale,
             "model_hints": settings.model_hints,
             "history": settings.history,
+            "lstm_hidden_size": settings.lstm_hidden_size,
             "seed": self.seed,
             "timesteps": self.algorithm.num_timesteps,
             "training_seconds": round(time.monotonic() - self.begun, 1),
@@ -282,12 +245,10 @@ class _Training(BaseCallback):
     def _evaluate(self) -> None:
         """Add a point to the curve without noise; neither time nor random numbers of the training are spent."""
         begun = time.monotonic()
-        kept = random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
+        kept = random_numbers.get_state()
         row = self.evaluate(self.agent(), begun - self.begun, self.algorithm.num_timesteps)
         self.evaluations.append(row)
-        random.setstate(kept[0])
-        np.random.set_state(kept[1])  # noqa: NPY002
-        torch.set_rng_state(kept[2])
+        random_numbers.set_state(kept)
         self.begun += time.monotonic() - begun
 
     def _keep(self, within: bool) -> None:
@@ -341,7 +302,7 @@ def train(
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     # SB3 tells a schedule the progress within one call of learn(); ours is over the whole training.
     settings = experiment.train
-    rate = (settings.ppo if settings.algorithm == "ppo" else settings.off_policy).learning_rate
+    rate = (settings.ppo if settings.is_on_policy else settings.off_policy).learning_rate
     model.lr_schedule = lambda _: rate * (1.0 - training.share_done)
     training.run()
     if progress is not None:
@@ -353,80 +314,10 @@ def train(
     return agent
 
 
-def _environment(experiment: Experiment) -> VecNormalize:
-    settings, options = experiment.train, experiment.training_options
-    inner: Any
-    if settings.levels is not None:
-        count = settings.ppo.num_envs
-        inner = LevelsVecEnv.make(experiment.env, count, settings.levels, stagger=True, **options)
-    elif settings.algorithm == "ppo":
-        inner = VectorEnvAdapter.make(experiment.env, settings.ppo.num_envs, stagger=True, **options)
-    else:
-        inner = DummyVecEnv([lambda: gym.make(experiment.env, **options)])
-    described = {"env": experiment.env, "options": experiment.options, **settings.model_dump(mode="json")}
-    for augmentation in augmentations(described):
-        inner = AugmentedVecEnv(inner, augmentation)
-    return VecNormalize(VecMonitor(inner), norm_obs_keys=["observation"], norm_reward=False)
-
-
-def _model(experiment: Experiment, env: VecNormalize, seed: int) -> BaseAlgorithm:
-    s = experiment.train
-    kwargs = policy_kwargs(s.algorithm, s.net_arch, s.activation, s.goal_error_scales, s.goal_is_angles, s.goal_scale)
-    if s.algorithm == "ppo":
-        p = s.ppo
-        rollout = p.n_steps * p.num_envs
-        return PPO(
-            "MultiInputPolicy",
-            env,
-            n_steps=p.n_steps,
-            batch_size=min(p.batch_size, rollout),
-            n_epochs=p.n_epochs,
-            gamma=p.gamma,
-            gae_lambda=p.gae_lambda,
-            learning_rate=p.learning_rate,
-            clip_range=p.clip_range,
-            ent_coef=p.ent_coef,
-            policy_kwargs=kwargs | {"log_std_init": p.log_std_init},
-            seed=seed,
-            device="cpu",
-        )
-    o = s.off_policy
-    algorithm: Any = {"sac": SAC, "tqc": TQC}[s.algorithm]
-    her: dict[str, Any] = {}
-    if o.her:
-        her = {
-            "replay_buffer_class": HerReplayBuffer,
-            "replay_buffer_kwargs": {
-                "n_sampled_goal": o.n_sampled_goal,
-                "goal_selection_strategy": "future",
-                "copy_info_dict": True,
-            },
-        }
-    model: BaseAlgorithm = algorithm(
-        "MultiInputPolicy",
-        env,
-        learning_rate=o.learning_rate,
-        buffer_size=o.buffer_size,
-        learning_starts=o.learning_starts,
-        batch_size=o.batch_size,
-        tau=o.tau,
-        gamma=o.gamma,
-        train_freq=o.train_freq,
-        gradient_steps=o.gradient_steps,
-        policy_kwargs=kwargs,
-        seed=seed,
-        device="cpu",
-        **her,
-    )
-    return model
-
-
 def _reseed(model: BaseAlgorithm, env: VecNormalize, seed: int, segment: int) -> None:
     """Begin a segment: new episodes, and random numbers that depend on (seed, segment) alone."""
     mixed = int(np.random.SeedSequence([seed, segment]).generate_state(1)[0])
-    random.seed(mixed)
-    np.random.seed(mixed)  # noqa: NPY002  (SB3 draws from it)
-    torch.manual_seed(mixed)
+    random_numbers.reseed(mixed)
     model.action_space.seed(mixed)
     env.seed(seed * 1_000_000 + segment * env.num_envs)  # below VALIDATION_SEED
     model._last_obs = None  # learn() then resets the environments

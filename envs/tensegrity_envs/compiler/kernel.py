@@ -42,7 +42,7 @@ class Kernel:
         result: schema of what the function returns.
     """
 
-    def __init__(self, function: Callable[..., Any], *schemas: Schema) -> None:
+    def __init__(self, function: Callable[..., Any], *schemas: Schema[Any]) -> None:
         self.graph = graph = Graph()
         self._first = first = [sum(schema.size for schema in schemas[:k]) for k in range(len(schemas) + 1)]
         lifting = Lifting(lambda value: isinstance(value, Kernel | Schema | Symbol | Row))
@@ -52,7 +52,7 @@ class Kernel:
         ]
         result = _lifted(function, lifting)(*arguments)
         self.schemas = schemas
-        self.result = Schema(result, _is_result, _result_kind)
+        self.result: Schema[Any] = Schema(result, _is_result, _result_kind)
         self._size = self.result.size
         for row, value in enumerate(tree_leaves(result, _is_result), first[-1]):
             graph.store(Slot("w", row), value)
@@ -372,7 +372,7 @@ def _flatten_design(tree: Any, leaves: list[Any], key: list[Any]) -> None:
         key += [type(tree), tree]
 
 
-def _schemas(arguments: Any) -> list[Schema]:
+def _schemas(arguments: Any) -> list[Schema[Any]]:
     """Of the arguments of `evaluate`."""
 
     def vary(tree: Any) -> Any:

@@ -372,7 +372,8 @@ class _Lowering:
             and node.value.attr == "shape"
             and isinstance(node.slice, ast.Constant)
         ):
-            return self.array(node.value.value).shape[int(node.slice.value)]  # type: ignore[arg-type]
+            assert isinstance(node.slice.value, int)
+            return self.array(node.value.value).shape[node.slice.value]
         address, element = self.element(node)
         loaded = self.emit(f"load {element}, ptr {address}", element)
         if element == "float":

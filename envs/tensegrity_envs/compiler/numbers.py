@@ -10,12 +10,14 @@ import dataclasses
 import hashlib
 import math
 from collections.abc import Callable
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 
 class Number(float):
     """A float that remembers its source."""
 
+    namespace: ClassVar[SimpleNamespace]  # see tracing.NAMESPACE
     source: str
 
     def __new__(cls, value: float, source: str) -> "Number":

@@ -7,9 +7,11 @@ functions run along the columns; replacing an episode is copying a column.
 import dataclasses
 from collections.abc import Callable, Iterator
 from itertools import count
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+
+T = TypeVar("T")
 
 _CROWDED, _FEW, _GAP = 128, 4, 8  # columns, rows, columns
 
@@ -96,7 +98,7 @@ def _kind_of_array(array: Any) -> str:
     return {"b": "bool", "i": "int"}.get(array.dtype.kind, "float")
 
 
-class Schema:
+class Schema(Generic[T]):
     """Where the components of a pytree stand in a matrix.
 
     Args:
@@ -110,13 +112,13 @@ class Schema:
     """
 
     def __init__(
-        self, tree: Any, is_leaf: Callable[[Any], bool] = is_array, kind: Callable[[Any], str] = _kind_of_array
+        self, tree: T, is_leaf: Callable[[Any], bool] = is_array, kind: Callable[[Any], str] = _kind_of_array
     ) -> None:
         numbers = count()
-        self.rows = tree_map(lambda leaf: Row(next(numbers), kind(leaf)), tree, is_leaf)
+        self.rows: Any = tree_map(lambda leaf: Row(next(numbers), kind(leaf)), tree, is_leaf)
         self.size = next(numbers)
 
-    def pack(self, tree: Any, n: int) -> np.ndarray:
+    def pack(self, tree: T, n: int) -> np.ndarray:
         """The matrix of a batch of n: shape (size, n)."""
         components = list(tree_leaves(tree, is_array))
         if len(components) != self.size:
@@ -126,12 +128,14 @@ class Schema:
             row[:] = component
         return matrix
 
-    def unpack(self, matrix: np.ndarray) -> Any:
+    def unpack(self, matrix: np.ndarray) -> T:
         """The pytree on arrays of shape (n,); of a single column, of shape (size,), on numbers."""
         convert: dict[str, Callable[[Any], Any]]
         if matrix.ndim == 1:
             values: list[float] = matrix.tolist()
             convert = {"float": float, "int": int, "bool": bool}
-            return tree_map(lambda row: convert[row.kind](values[row]), self.rows, is_row)
+            single: T = tree_map(lambda row: convert[row.kind](values[row]), self.rows, is_row)
+            return single
         convert = {"float": lambda v: v, "int": lambda v: v.astype(np.int64), "bool": lambda v: v != 0}
-        return tree_map(lambda row: convert[row.kind](matrix[row]), self.rows, is_row)
+        batch: T = tree_map(lambda row: convert[row.kind](matrix[row]), self.rows, is_row)
+        return batch

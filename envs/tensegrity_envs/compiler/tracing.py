@@ -8,7 +8,7 @@ Python's own control flow happens while tracing; a branch on a symbol's value is
 import math
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -125,6 +125,7 @@ class Symbol:
     """A number that is known only when the code runs."""
 
     __slots__ = ("graph", "kind", "level", "name")
+    namespace: ClassVar[SimpleNamespace]  # see NAMESPACE
     __array_ufunc__ = None  # NumPy must leave arithmetic with symbols to them
 
     def __init__(self, graph: Graph, name: str, kind: str = "float", level: int = 0) -> None:
@@ -150,10 +151,10 @@ class Symbol:
         if power == 0.5:
             return operation("sqrt", self)
         if isinstance(power, int) and 0 < power < 9:
-            product: Any = self
+            product = self
             for _ in range(power - 1):
-                product = product * self
-            return product  # type: ignore[no-any-return]
+                product = operation("mul", product, self)
+            return product
         return operation("pow", self, power)
 
 
@@ -219,8 +220,8 @@ NAMESPACE = SimpleNamespace(
     isfinite=_function("isfinite", math.isfinite, "bool"),
     single=_function("single", lambda value: float(np.float32(value))),
 )
-Symbol.namespace = NAMESPACE  # type: ignore[attr-defined]
-Number.namespace = NAMESPACE  # type: ignore[attr-defined]
+Symbol.namespace = NAMESPACE
+Number.namespace = NAMESPACE
 
 
 class Path:

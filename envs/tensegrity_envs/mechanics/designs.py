@@ -6,11 +6,14 @@ from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tensegrity_envs.mechanics.two_x import FURET2018
 
-D = TypeVar("D")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+D = TypeVar("D", bound="DataclassInstance")
 
 
 def _constants() -> dict[str, Any]:
@@ -59,14 +62,14 @@ def resolve_design(given: D | Mapping[str, Any] | str | None, default: D) -> D:
         base = _published(base, kind)
     if not isinstance(base, kind):
         raise TypeError(f"design: base = {base!r}: must be one of {', '.join(_names(kind))}")
-    known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    known = [field.name for field in dataclasses.fields(kind)]
     for name in fields:
         if name not in known:
             raise ValueError(
                 f"design: {kind.__name__} has no field {name!r}{_hint(name, known)}; there are {', '.join(known)}, "
                 "and 'base', the name of a published design"
             )
-    return dataclasses.replace(base, **fields)  # type: ignore[type-var]
+    return dataclasses.replace(base, **fields)
 
 
 def name_of(design: object) -> str | None:

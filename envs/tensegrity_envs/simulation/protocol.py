@@ -117,9 +117,10 @@ class Episode(NamedTuple):
             waves += [xp.cos(angle), xp.sin(angle)]
         moved = []
         for mean, amplitudes in zip(self.goal, self.motion, strict=True):
+            goal = mean
             for wave, amplitude in zip(waves, amplitudes, strict=True):
-                mean = mean + wave * amplitude  # noqa: PLW2901
-            moved.append(to_single(mean))
+                goal = goal + wave * amplitude
+            moved.append(to_single(goal))
         return tuple(moved)
 
 

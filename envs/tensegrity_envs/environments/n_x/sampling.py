@@ -24,7 +24,7 @@ class NXSampler(Sampler):
     arm: ClassVar[type[Any]] = NX
 
     @property
-    def nodes(self) -> int:  # type: ignore[override]
+    def nodes(self) -> int:
         """Along each angle of the grid."""
         return _NODES[self.joints]
 

@@ -47,14 +47,12 @@ class Sampler:
 
     Attributes:
         arm: makes the mechanism of a design.
-        nodes: along each angle of a grid that tells connected components apart.
 
     Raises:
         ValueError: the SWFJ of the design is empty.
     """
 
     arm: ClassVar[type[Any]] = TwoX
-    nodes: ClassVar[int] = 161
 
     def __init__(self, design: Any, payload_range: tuple[float, float] | None = None) -> None:
         self.design = design
@@ -68,6 +66,11 @@ class Sampler:
                 f"the stable wrench-feasible joint space is empty within |alpha| <= {design.joint_limit} rad "
                 f"for {design} with a payload of up to {high} kg: raise max_tension, lower payload or bar_density"
             )
+
+    @property
+    def nodes(self) -> int:
+        """Along each angle of the grid that tells connected components apart."""
+        return 161
 
     def _labelled(self) -> np.ndarray:
         """Numbers of the connected components on the grid, for every level of the payload; 0 outside."""

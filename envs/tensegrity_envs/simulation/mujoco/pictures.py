@@ -24,6 +24,10 @@ class Pictures:
     """
 
     def __init__(self, model: MujocoModel) -> None:
+        self.__setstate__(model)
+
+    def __setstate__(self, model: MujocoModel) -> None:
+        """Begin anew."""
         self._owner = model
         self._model = model.spec.compile()
         self._data = mujoco.MjData(self._model)
@@ -34,10 +38,6 @@ class Pictures:
     def __getstate__(self) -> MujocoModel:
         """The mechanism alone: windows and GL contexts belong to their process, and open anew when they are needed."""
         return self._owner
-
-    def __setstate__(self, model: MujocoModel) -> None:
-        """Begin anew."""
-        self.__init__(model)  # type: ignore[misc]
 
     def rgb(self, physics: np.ndarray, scene: Scene, size: tuple[int, int]) -> np.ndarray:
         """The picture of this width and height, shape (height, width, 3), uint8.
