@@ -3,10 +3,10 @@
 A segment begins with freshly reset environments and reseeded random numbers, both functions of (seed, segment) alone.
 A checkpoint within a segment also holds the states of environments and random numbers, and is made between two
 rollouts: after a time, and when the process is asked to stop (SIGINT, SIGTERM). What a teacher shows (see
-`teacher_student`) is the first segment, and its rounds are rollouts. For PPO a resumed run therefore repeats
-exactly what an uninterrupted one would have done (same machine, same number of threads). SAC and TQC also need their
-replay buffer, which is not kept: after a resume they begin a new segment, and the buffer fills anew before learning
-goes on, so their results differ from an uninterrupted run, though not in kind.
+`teacher_student`) is the first segment, and its rounds are rollouts. For PPO, recurrent or not, a resumed run therefore
+repeats exactly what an uninterrupted one would have done (same machine, same number of threads). Off-policy algorithms
+also need their replay buffer, which is not kept: after a resume they begin a new segment, and the buffer fills anew
+before learning goes on, so their results differ from an uninterrupted run, though not in kind.
 """
 
 import time
