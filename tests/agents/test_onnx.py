@@ -17,7 +17,7 @@ for package in ("onnx", "onnxscript", "onnxruntime"):
     pytest.importorskip(package)
 
 FLAT, HINTED = "TwoXReach-v0", "PlanarFourBarLoadedReach-v0"
-ALGORITHMS = get_args(TrainConfig.model_fields["algorithm"].annotation)
+ALGORITHMS = [name for name in get_args(TrainConfig.model_fields["algorithm"].annotation) if "recurrent" not in name]
 CASES = [
     *((algorithm, FLAT, {}) for algorithm in ALGORITHMS),
     ("ppo", "TwoXPayloadReach-v0", {"history": 3}),
@@ -34,7 +34,7 @@ def trained(request, tmp_path_factory):
         "total_timesteps": 64,
         "net_arch": [32, 32],
         "ppo": {"num_envs": 4, "n_steps": 8},
-        "off_policy": {"her": False, "learning_starts": 10, "batch_size": 16},
+        "off_policy": {"her": False, "num_envs": 8, "learning_starts": 10, "batch_size": 16},
         **more,
     }
     policy = train(Experiment(env=env, train=settings), 0, tmp_path_factory.mktemp("agent"))
@@ -75,6 +75,13 @@ def test_a_file_that_would_differ_is_not_written(tmp_path, monkeypatch):
     with pytest.raises(onnx_policy.ExportError, match="differ"):
         tensegrity_agents.export("TwoXReach-v0", tmp_path / "policy.onnx")
     assert not list(tmp_path.iterdir())
+
+
+def test_recurrent_policies_are_refused(tmp_path):
+    settings = {"algorithm": "recurrent_ppo", "total_timesteps": 64, "ppo": {"num_envs": 4, "n_steps": 8}}
+    policy = train(Experiment(env=FLAT, train=settings), 0, tmp_path / "agent")
+    with pytest.raises(ValueError, match="recurrent policy has no ONNX form"):
+        tensegrity_agents.export(policy, tmp_path / "policy.onnx")
 
 
 def test_the_command_writes_a_shipped_policy(tmp_path):

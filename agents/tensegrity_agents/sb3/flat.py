@@ -24,9 +24,10 @@ class Flattening:
 
     def __call__(self, observation: dict[str, Any]) -> np.ndarray:
         """The features of a batch, shape (n, size), or of a single observation, shape (size,)."""
-        rows = {key: torch.from_numpy(np.atleast_2d(np.asarray(v, np.float32))) for key, v in observation.items()}
+        # In double precision: where a feature hardly varies, normalizing it would make much of a last digit.
+        rows = {key: torch.from_numpy(np.atleast_2d(np.asarray(v, np.float64))) for key, v in observation.items()}
         with torch.no_grad():
-            features: np.ndarray = self.extractor(rows).numpy()
+            features: np.ndarray = self.extractor(rows).numpy().astype(np.float32)
         return features[0] if np.ndim(observation["observation"]) == 1 else features
 
 

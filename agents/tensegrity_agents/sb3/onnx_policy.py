@@ -50,6 +50,7 @@ class _Graph(torch.nn.Module):
     def __init__(self, trained: TrainedPolicy) -> None:
         super().__init__()
         self.policy, self.clip = trained.policy, trained.normalization.clip
+        self.features = None if trained.flattening is None else trained.flattening.extractor
         self.remembers = any(isinstance(one, History) for one in trained.augmentations)
         statistics = trained.normalization
         deviation = np.sqrt(np.asarray(statistics.variance, np.float64) + statistics.epsilon)
@@ -72,8 +73,12 @@ class _Graph(torch.nn.Module):
         past = Past(past_observations, past_actions, first)
         if self.remembers:
             seen, past = remembered(torch, seen, past, begins)
-        scaled = ((seen.double() - self.mean) / self.deviation).clip(-self.clip, self.clip).float()
-        shown = {"observation": scaled, "achieved_goal": achieved_goal, "desired_goal": desired_goal}
+        shown: Any = {"observation": seen, "achieved_goal": achieved_goal, "desired_goal": desired_goal}
+        values = seen
+        if self.features is not None:
+            values = self.features({name: value.double() for name, value in shown.items()}).float()
+        scaled = ((values.double() - self.mean) / self.deviation).clip(-self.clip, self.clip).float()
+        shown = scaled if self.features is not None else shown | {"observation": scaled}
         action = self.policy._predict(shown, deterministic=True).clip(-1.0, 1.0)
         return (action, *with_action(torch, past, action)) if self.remembers else action
 
@@ -91,6 +96,7 @@ def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> floa
 
     Raises:
         ImportError: the extra "onnx" is not installed.
+        ValueError: the policy is recurrent, which no file holds yet.
         ExportError: actions differ by more than `TOLERANCE`; the file is not written.
     """
     for package in ("onnx", "onnxscript", "onnxruntime"):
@@ -98,6 +104,8 @@ def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> floa
             __import__(package)
         except ImportError as error:
             raise ImportError(f"ONNX needs  pip install 'tensegrity-envs[onnx]'  ({error})", name=package) from error
+    if trained.description["algorithm"] == "recurrent_ppo":
+        raise ValueError("a recurrent policy has no ONNX form yet; one with history: has (docs/learning.md)")
     graph = _Graph(trained).eval()
     example = _example(trained)
     names = [*example]
