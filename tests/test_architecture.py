@@ -68,6 +68,7 @@ AGENT_LAYERS = [
     "pretrained",
     "exporting",
     "recording",
+    "search",
     "command",
 ]
 # Training, evaluation and reports do not know each other, but for the evaluations in the course of a training, and for

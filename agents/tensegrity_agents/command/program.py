@@ -18,6 +18,7 @@ SUBCOMMANDS = {
     "watch": "Watch a controller or a policy, in a window or on film.",
     "play": "Drive an arm by keyboard and mouse.",
     "export": "Write a policy as ONNX.",
+    "search": "Search for the settings of a training.",
     "record": "Write episodes as Minari datasets.",
     "analyze": "Draw workspaces, singularities, buckling: figures, regions, numbers.",
     "playground": "Write pages to play with a mechanism in a browser.",
