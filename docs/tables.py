@@ -124,10 +124,7 @@ def observations(core: Any) -> str:
 
 def goals(core: Any) -> str:
     """What the entries "achieved_goal" and "desired_goal" are."""
-    box = core.observation_space["desired_goal"]
-    unit = "m" if core.error_unit == "mm" else "rad"
-    field = core.schema.fields[core.goal_name]
-    return f"Goals: {box.shape[0]} numbers, the {field.meaning} [{unit}]; tolerance {core.task.tolerance:.5g} {unit}."
+    return f"Goals: {core.observation_space['desired_goal'].shape[0]} numbers, {core.goal_text}."
 
 
 def sizes_of(core: Any) -> dict[str, int]:

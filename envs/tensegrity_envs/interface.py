@@ -153,6 +153,12 @@ class Interface(ABC):
         """
         return None
 
+    @property
+    def goal_text(self) -> str:
+        """What the numbers of a goal are, and when it is reached, for the tables of the documentation."""
+        unit = "m" if self.error_unit == "mm" else "rad"
+        return f"the {self.schema.fields[self.goal_name].meaning} [{unit}]; tolerance {self.task.tolerance:.5g} {unit}"
+
     @abstractmethod
     def observed(self) -> Sequence[Field]:
         """The fields of the entry "observation", in their order."""
@@ -187,9 +193,9 @@ class Interface(ABC):
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """Arguments of `rendering.Scene` that depend on the mechanism."""
 
-    def set_spaces(self, goal_size: int = 2, goal_bound: float | None = None) -> None:
-        """Define the spaces; goals are within the reach [m], unless another bound is given."""
-        bound = self.reach if goal_bound is None else goal_bound
+    def set_spaces(self, goal_size: int = 2, goal_bound: float | Sequence[float] | None = None) -> None:
+        """Define the spaces; goals are within the reach [m], unless another bound is given, one for all or for each."""
+        bound = np.full(goal_size, self.reach if goal_bound is None else goal_bound, np.float32)
         box = spaces.Box(-1.0, 1.0, (self.schema.size,), np.float32)
         goal = spaces.Box(-bound, bound, (goal_size,), np.float32)
         self.observation_space = spaces.Dict({"observation": box, "achieved_goal": goal, "desired_goal": goal})

@@ -115,7 +115,14 @@ def linearize(
         return _dynamic(core, mechanism, q, _usual(core, mechanism, q, given, force), force)
     if not hasattr(control, "actuation"):
         return _kinematic(core, mechanism, q)
-    return _quasi_static(mechanism, control, q, _usual(core, mechanism, q, given, force), force)
+    goal = None
+    if type(core).achieved is not Core.achieved:  # more than the tip
+
+        def goal(here: np.ndarray, inputs: np.ndarray) -> Any:
+            rest = control.at_rest(mechanism, _components(here), _components(inputs), force, 0.0)
+            return core.achieved(rest)
+
+    return _quasi_static(mechanism, control, q, _usual(core, mechanism, q, given, force), force, goal)
 
 
 class _Own:
@@ -159,19 +166,30 @@ def _slopes(function: Callable[[np.ndarray], Any], at: np.ndarray, step: float =
     return np.stack(columns, axis=-1)
 
 
-def _quasi_static(mechanism: Any, control: Any, q: np.ndarray, u: np.ndarray, load: np.ndarray | None) -> LinearModel:
-    """States (configuration, inputs): the configuration follows the inputs at once."""
+def _quasi_static(
+    mechanism: Any,
+    control: Any,
+    q: np.ndarray,
+    u: np.ndarray,
+    load: np.ndarray | None,
+    goal: Callable[[np.ndarray, np.ndarray], Any] | None = None,
+) -> LinearModel:
+    """States (configuration, inputs): the configuration follows the inputs at once. Output: the goal, or the tip."""
+
+    def seen(here: np.ndarray, inputs: np.ndarray) -> Any:
+        return _tip(mechanism, control, here, inputs) if goal is None else goal(here, inputs)
+
     force = (0.0,) * len(_tip(mechanism, control, q, u)) if load is None else _components(load)
     response = _response(mechanism, control, q, u, force)
     n, m = len(q), len(u)
     rate = float(control.rate)
-    tip_by_q, tip_by_u = _tip_slopes(mechanism, control, q, u)
+    by_q, by_u = _slopes(lambda value: seen(value, u), q), _slopes(lambda value: seen(q, value), u)
     a = np.block([[np.zeros((n, n)), response], [np.zeros((m, n)), np.eye(m)]])
     b = rate * np.vstack([response, np.eye(m)])
-    c = np.hstack([tip_by_q, tip_by_u])
-    tip = np.array(_tip(mechanism, control, q, u), float)
+    c = np.hstack([by_q, by_u])
+    output = np.array(seen(q, u), float)
     names = (*_named("q", n), *_named("u", m))
-    return LinearModel(a, b, c, np.zeros((len(tip), m)), None, np.concatenate([q, u]), tip, names)
+    return LinearModel(a, b, c, np.zeros((len(output), m)), None, np.concatenate([q, u]), output, names)
 
 
 def _named(letter: str, count: int) -> tuple[str, ...]:
@@ -184,11 +202,6 @@ def _components(values: np.ndarray) -> tuple[float, ...]:
 
 def _tip(mechanism: Any, control: Any, q: np.ndarray, u: np.ndarray) -> Any:
     return mechanism.tip(_components(q), control.actuation(mechanism, _components(u)))
-
-
-def _tip_slopes(mechanism: Any, control: Any, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    by_q = _slopes(lambda value: _tip(mechanism, control, value, u), q)
-    return by_q, _slopes(lambda value: _tip(mechanism, control, q, value), u)
 
 
 def _response(mechanism: Any, control: Any, q: np.ndarray, u: np.ndarray, load: Any) -> np.ndarray:

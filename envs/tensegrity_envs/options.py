@@ -158,7 +158,8 @@ def share_options(core: type, names: Iterable[str]) -> None:
     further: list[inspect.Parameter] = []
     texts: dict[str, str] = {}
     if len(explicit) < len(own) and parent is not None:
-        further = list(inspect.signature(parent).parameters.values())
+        inherited = inspect.signature(parent).parameters.values()
+        further = [p for p in inherited if p.name in names or p.name not in OPTION_NAMES]
         texts = described(parent, "Args")
     elif len(explicit) < len(own):
         defaults = getattr(core, "option_defaults", {})

@@ -175,6 +175,18 @@ _NOMINAL = (
         {"backend": "mujoco", "observe_velocities": True},
         150,
     ),
+    Entry(
+        "tensegrity/TwoXStiffnessReach-v0",
+        "2-X manipulator, cable tension increments: the tip at a target, with a commanded stiffness",
+        "TwoXStiffnessReach",
+        {"control": "tension"},
+    ),
+    Entry(
+        "tensegrity/ThreeXStiffnessReach-v0",
+        "arm of three X-joints, cable tension increments: the tip at a target, with a commanded stiffness",
+        "NXStiffnessReach",
+        {"control": "tension"},
+    ),
 )
 # Those of which there is an uncertain twin, at level 2.
 _UNCERTAIN = (

@@ -25,7 +25,7 @@ def everything(x, y):
     positive = abs(x) + 1.5
     return {
         "arithmetic": (x + y - 2.5 * x / positive, -x * 3 + 1 - y**2 + positive**0.5),
-        "functions": (xp.sin(x), xp.cos(y), xp.sqrt(positive), xp.atan2(x, y), xp.hypot(x, y)),
+        "functions": (xp.sin(x), xp.cos(y), xp.sqrt(positive), xp.log(positive), xp.atan2(x, y), xp.hypot(x, y)),
         "choice": xp.where((x > y) & ~(x > 1) | (y >= 2), xp.minimum(x, y), xp.maximum(x, 0.25)),
         "conditions": (x <= y, x != y),
         # What is known before a call that others wait for, and used after it

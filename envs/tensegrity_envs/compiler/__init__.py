@@ -2,10 +2,10 @@
 
 **What a component function may do.** It takes and returns components: numbers, in tuples, named tuples, dicts and
 designs (pytrees). It may do arithmetic and comparisons on them, combine conditions by `&`, `|`, `~`, and call the
-functions of their namespace (`xp = namespace_of(x)`: sin, cos, sqrt, atan2, hypot, minimum, maximum, where, isfinite),
-`to_single`, and `mechanics.equilibrium.continuation`. It may use Python's control flow on anything but components: on
-integers, on how many there are, on whether something is None. A branch on a component is an error: use `xp.where`,
-both sides of which are computed. Run on floats, arrays or tensors, the same function is an ordinary one.
+functions of their namespace (`xp = namespace_of(x)`: sin, cos, sqrt, log, atan2, hypot, minimum, maximum, where,
+isfinite), `to_single`, and `mechanics.equilibrium.continuation`. It may use Python's control flow on anything but
+components: on integers, on how many there are, on whether something is None. A branch on a component is an error: use
+`xp.where`, both sides of which are computed. Run on floats, arrays or tensors, the same function is an ordinary one.
 
 **What becomes of it.** `Kernel(function, *schemas)`
 

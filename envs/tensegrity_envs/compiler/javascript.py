@@ -21,7 +21,8 @@ _INFIX = {
 }  # fmt: skip
 _CALLS = {
     "sine": "Math.sin", "cosine": "Math.cos", "sqrt": "Math.sqrt", "atan2": "Math.atan2", "abs": "Math.abs",
-    "min": "Math.min", "max": "Math.max", "pow": "Math.pow", "isfinite": "Number.isFinite", "single": "Math.fround",
+    "min": "Math.min", "max": "Math.max", "pow": "Math.pow", "log": "Math.log", "isfinite": "Number.isFinite",
+    "single": "Math.fround",
 }  # fmt: skip
 
 

@@ -24,7 +24,7 @@ _PAIR = f"{{ {_F}, {_F} }}"
 # What `loops` calls; sines, cosines and arc tangents are component code themselves.
 DECLARATIONS = "\n".join(
     f"declare {_F} @llvm.{name}.v{LANES}f64({', '.join([_F] * count)})"
-    for name, count in (("sqrt", 1), ("fabs", 1), ("copysign", 2), ("pow", 2))
+    for name, count in (("sqrt", 1), ("fabs", 1), ("copysign", 2), ("pow", 2), ("log", 1))
 )
 
 

@@ -1,8 +1,8 @@
 """Where a component's arithmetic comes from: `math` for floats, NumPy for arrays, Torch for tensors.
 
 Every equation of this package is written once, on components (`alpha1, alpha2 = q`). A component is a float, a NumPy
-array or a Torch tensor; the three libraries spell `sin`, `cos`, `sqrt`, `atan2` alike, and this module supplies the
-few names that they do not share. Torch is never imported here: a tensor can only arrive when its caller has it. A
+array or a Torch tensor; the three libraries spell `sin`, `cos`, `sqrt`, `log`, `atan2` alike, and this module supplies
+the few names that they do not share. Torch is never imported here: a tensor can only arrive when its caller has it. A
 `tracing.Symbol` is a component too: it brings its own namespace, which writes the operations down.
 """
 
@@ -34,6 +34,10 @@ class Namespace(Protocol):
         """Square root."""
         ...
 
+    def log(self, x: Component, /) -> Component:
+        """Natural logarithm."""
+        ...
+
     def atan2(self, y: Component, x: Component, /) -> Component:
         """Angle of (x, y) [rad]."""
         ...
@@ -63,6 +67,7 @@ _SCALAR: Any = SimpleNamespace(
     sin=math.sin,
     cos=math.cos,
     sqrt=math.sqrt,
+    log=math.log,
     atan2=math.atan2,
     hypot=math.hypot,
     minimum=min,
@@ -85,6 +90,7 @@ def _torch_namespace() -> Namespace:
                 sin=torch.sin,
                 cos=torch.cos,
                 sqrt=torch.sqrt,
+                log=torch.log,
                 atan2=torch.atan2,
                 hypot=torch.hypot,
                 minimum=pairwise(torch.minimum),

@@ -210,6 +210,7 @@ NAMESPACE = SimpleNamespace(
     sin=_function("sine", math.sin),
     cos=_function("cosine", math.cos),
     sqrt=_function("sqrt", math.sqrt),
+    log=_function("log", math.log),
     atan2=_function("atan2", math.atan2),
     # No lengths here are so large or small that their squares are not numbers.
     hypot=_function("hypot", math.hypot),

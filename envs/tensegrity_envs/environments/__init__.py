@@ -9,6 +9,7 @@ from tensegrity_envs.environments.fast import DualTriangleFastReach, TwoXFastRea
 from tensegrity_envs.environments.n_x import NXReach
 from tensegrity_envs.environments.planar_four_bar import PlanarFourBarReach
 from tensegrity_envs.environments.spatial_prism import SpatialPrismTrack
+from tensegrity_envs.environments.stiffness import NXStiffnessReach, TwoXStiffnessReach
 from tensegrity_envs.environments.two_x import TwoXPostureChange, TwoXReach
 from tensegrity_envs.options import check_names
 
@@ -24,6 +25,8 @@ ARMS: dict[str, type[Core]] = {
         NXReach,
         TwoXFastReach,
         DualTriangleFastReach,
+        TwoXStiffnessReach,
+        NXStiffnessReach,
     )
 }
 
@@ -33,11 +36,13 @@ __all__ = [
     "DualTrianglePush",
     "DualTriangleReach",
     "NXReach",
+    "NXStiffnessReach",
     "PlanarFourBarReach",
     "SpatialPrismTrack",
     "TwoXFastReach",
     "TwoXPostureChange",
     "TwoXReach",
+    "TwoXStiffnessReach",
     "core_of",
 ]
 

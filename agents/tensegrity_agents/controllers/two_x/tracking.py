@@ -1,7 +1,10 @@
 """Actions that move the arm along a joint path within the rates of the environment."""
 
+from collections.abc import Callable
+
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.mechanics import TwoX
 from tensegrity_envs.simulation import JointControl, TensionControl
 
@@ -25,7 +28,11 @@ def resolved_rate(model: TwoX, q: np.ndarray, wanted: np.ndarray, damping: float
 
 
 def tension_action(
-    model: TwoX, commanded: np.ndarray, goal: np.ndarray, tensions: np.ndarray
+    model: TwoX,
+    commanded: np.ndarray,
+    goal: np.ndarray,
+    tensions: np.ndarray,
+    tensions_of: Callable[[Components], Components] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Tension increments towards the stiffest tensions of the next configuration on the straight path to `goal`.
 
@@ -34,6 +41,7 @@ def tension_action(
         commanded: configurations (n, 2) that the present command aims at [rad].
         goal: (n, 2) [rad].
         tensions: measured (n, 4) [N].
+        tensions_of: of a command; the stiffest ones by default. Commands may then have further components.
 
     Returns:
         Actions (n, 4), and the configurations (n, 2) that they aim at: as far along the path as the rates allow. Where
@@ -45,7 +53,7 @@ def tension_action(
     low, high = model.design.min_tension, model.design.max_tension
     # (shares, n): all candidates at once
     ahead = commanded.T[:, None] + _SHARES[:, None] * change.T[:, None]
-    wanted = np.clip(np.stack(model.stiffest_tensions(tuple(ahead))), low, high)
+    wanted = np.clip(np.stack((tensions_of or model.stiffest_tensions)(tuple(ahead))), low, high)
     increments = (wanted - tensions.T[:, None]) / TensionControl.rate
     fits = np.abs(increments).max(axis=0) <= 1.0
     first = np.where(fits.any(axis=0), fits.argmax(axis=0), len(_SHARES) - 1)

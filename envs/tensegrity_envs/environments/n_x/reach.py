@@ -57,9 +57,7 @@ class NXReach(TwoXReach):
             )
         return NX(design)
 
-    def solutions(
-        self, mechanism: NX, x: np.ndarray, y: np.ndarray, known: Components | None = None
-    ) -> tuple[Components, ...]:
+    def solutions(self, mechanism: NX, goal: Components, known: Components | None = None) -> tuple[Components, ...]:
         """None: the reward has no potential."""
         return ()
 

@@ -8,7 +8,7 @@ import numpy as np
 from tensegrity_envs.compiler.namespace import Component, Components, to_single
 from tensegrity_envs.core import Core, Sampled
 from tensegrity_envs.environments.two_x.regions import TwoXRegions
-from tensegrity_envs.environments.two_x.sampling import Sampler, feasible_solutions
+from tensegrity_envs.environments.two_x.sampling import Drawn, Sampler, feasible_solutions
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoX
 from tensegrity_envs.observation import Field, arm_fields, inputs_field
 from tensegrity_envs.options import Options
@@ -102,11 +102,13 @@ class TwoXReach(TwoXRegions, Core):
         """See `Core.mechanism`."""
         return TwoX(design)
 
-    def solutions(
-        self, mechanism: Any, x: np.ndarray, y: np.ndarray, known: Components | None = None
-    ) -> tuple[Components, ...]:
-        """Configurations that solve the targets (x, y), for the dense reward; see `feasible_solutions`."""
-        return feasible_solutions(mechanism, x, y, known) if self.task.reward_type == "dense" else ()
+    def solutions(self, mechanism: Any, goal: Components, known: Components | None = None) -> tuple[Components, ...]:
+        """Configurations that solve the goals (x, y, ...), for the dense reward; see `feasible_solutions`."""
+        return feasible_solutions(mechanism, goal[0], goal[1], known) if self.task.reward_type == "dense" else ()
+
+    def drawn_goal(self, drawn: Drawn, seed: np.ndarray, episode: np.ndarray) -> Components:
+        """The goals of sampled episodes, as float32 numbers."""
+        return tuple(to_single(component) for component in drawn.mechanism.tip(drawn.target_configuration))
 
     def postures(self, mechanism: Any, x: np.ndarray, y: np.ndarray) -> tuple[Components, ...]:
         """Stable, wrench-feasible configurations of a batch of one with the tip there; infinity where there is none."""
@@ -116,10 +118,10 @@ class TwoXReach(TwoXRegions, Core):
         """See `Core.sample`."""
         random = self.randomization.sample(seed, episode)
         sampled = self.sampler.sample(seed, episode, self.design_of(random))
-        x, y = (to_single(component) for component in sampled.mechanism.tip(sampled.target_configuration))
-        solutions = self.solutions(sampled.mechanism, x, y, sampled.target_configuration)
+        goal = self.drawn_goal(sampled, seed, episode)
+        solutions = self.solutions(sampled.mechanism, goal, sampled.target_configuration)
         return Sampled(
-            Episode(sampled.mechanism.design, (0.0, 0.0), (), (x, y), solutions, random),
+            Episode(sampled.mechanism.design, (0.0, 0.0), (), goal, solutions, random),
             sampled.configuration,
             sampled.tensions,
         )
@@ -129,7 +131,8 @@ class TwoXReach(TwoXRegions, Core):
         mechanism, q, tensions = self.mechanism(sampled.episode.design), sampled.configuration, sampled.inputs
         if configuration is not None:
             q, tensions = self.sampler.start_at(mechanism, configuration, tensions is not None)
-        x, y = sampled.episode.goal if target is None else (to_single(component) for component in target)
+        goal = sampled.episode.goal if target is None else tuple(to_single(component) for component in target)
+        x, y = goal[:2]
         found = self.postures(mechanism, x, y)
         reachable = self.sampler.in_reach(mechanism, q, found)
         if not reachable.any():
@@ -139,8 +142,8 @@ class TwoXReach(TwoXRegions, Core):
             raise ValueError(
                 f"{where}: in another connected component of the stable wrench-feasible set than the start, {q}"
             )
-        solutions = self.solutions(mechanism, x, y)
-        return Sampled(sampled.episode._replace(goal=(x, y), solutions=solutions), q, tensions)
+        solutions = self.solutions(mechanism, goal)
+        return Sampled(sampled.episode._replace(goal=goal, solutions=solutions), q, tensions)
 
     def design_of(self, random: dict[str, np.ndarray]) -> Any:
         """The design with the stiffnesses and masses sampled for the episodes."""
@@ -171,7 +174,7 @@ class TwoXReach(TwoXRegions, Core):
         design = self.design_of(self.random_from(info))
         if self.payload_range is not None:
             design = replace(design, payload=np.asarray(info["payload"], float))
-        return Episode(design, (0.0, 0.0), (), goal, self.solutions(self.mechanism(design), *goal))
+        return Episode(design, (0.0, 0.0), (), goal, self.solutions(self.mechanism(design), goal))
 
     def scene(self, episode: Episode, state: State) -> dict[str, Any]:
         """See `Core.scene`."""
