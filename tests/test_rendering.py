@@ -265,9 +265,13 @@ def test_a_viewer_without_display_says_what_to_do(monkeypatch, display):
     assert not pygame.display.get_init()
 
 
-@pytest.mark.parametrize("name", ["TwoXReach", "DualTriangleReach", "PlanarFourBarReach", "SpatialPrismTrack"])
+@pytest.mark.parametrize(
+    "name", ["TwoXReach", "DualTriangleReach", "PlanarFourBarReach", "SpatialPrismTrack", "SpatialPrismTrackMuJoCo"]
+)
 def test_arm_and_goal_fill_the_picture_and_are_inside(name):
     """Over 40 episodes everything is inside the frame, and at least 80% of its width or height is used."""
+    if "MuJoCo" in name:
+        pytest.importorskip("mujoco")
     env = gym.make(f"tensegrity_envs:tensegrity/{name}-v0").unwrapped
     points = []
     for seed in range(40):

@@ -82,7 +82,7 @@ class Core(Relabelling):
         return f"{factor * error:.{decimals}f} {unit}"
 
     def picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
-        """What `render` draws."""
+        """What `draw` draws, in a plane."""
         error = float(self.error(np, self.achieved(state), episode.goal_at(state.time)))
         usual: dict[str, Any] = {
             "tip": state.tip,
@@ -96,3 +96,7 @@ class Core(Relabelling):
             "failure": FAILURES[state.failure],
         }
         return Scene(**(usual | self.scene(episode, state)))
+
+    def spatial_picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
+        """The same for MuJoCo's own pictures: of spatial mechanisms, positions have three components."""
+        return self.picture(episode, state, trace, step)

@@ -251,8 +251,12 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         return False if np.ndim(achieved_goal) == 1 else np.zeros(len(achieved_goal), bool)
 
     def scene(self) -> Scene:
-        """What `render` draws: the arm, its target and the trace of its tip."""
-        return self.core.picture(self.episode, self._state, getattr(self, "_trace", []), self._steps)
+        """What `rendering.draw` draws, in a plane: the arm, its target and the trace of its tip."""
+        return self.core.picture(*self._shown())
+
+    def _shown(self) -> tuple[Episode, State, list[Any], int]:
+        """What pictures are made of."""
+        return self.episode, self._state, getattr(self, "_trace", []), self._steps
 
     def render(self) -> Any:
         """The picture (rgb_array: shape (height, width, 3), uint8), or the window brought up to date

@@ -55,7 +55,7 @@ class MujocoManipulatorEnv(ManipulatorEnv):
             assert self.core.engine is not None
             self._pictures = Pictures(self.core.engine.model)
         rows = self.core.outcomes.rows.state
-        physics, scene = self._outcome[list(rows.physics), 0], self.scene()
+        physics, scene = self._outcome[list(rows.physics), 0], self.core.spatial_picture(*self._shown())
         if self.render_mode == "human":
             return self._pictures.show(physics, scene)
         draw = self._pictures.rgb if self.render_mode == "rgb_array" else self._pictures.depth

@@ -40,14 +40,15 @@ class Tiles:
     def _one(self, episode: np.ndarray, outcome: np.ndarray, i: int, step: int) -> np.ndarray:
         core = self._core
         state = core.outcomes.unpack(outcome).state
-        scene = core.picture(core.episodes.unpack(episode), state, self._traces[i], step)
+        shown = (core.episodes.unpack(episode), state, self._traces[i], step)
         if core.engine is None:
-            return draw(scene, self._size)
+            return draw(core.picture(*shown), self._size)
         if self._pictures is None:
             from tensegrity_envs.simulation.mujoco.pictures import Pictures
 
             self._pictures = Pictures(core.engine.model)
-        picture: np.ndarray = self._pictures.rgb(outcome[list(core.outcomes.rows.state.physics)], scene, self._size)
+        physics = outcome[list(core.outcomes.rows.state.physics)]
+        picture: np.ndarray = self._pictures.rgb(physics, core.spatial_picture(*shown), self._size)
         return picture
 
     def close(self) -> None:

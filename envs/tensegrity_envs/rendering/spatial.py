@@ -27,12 +27,11 @@ def depth(place: Place) -> float:
     return _FLAT * (_C * x + _S * y) + _UP * z
 
 
-def project(scene: Scene, curve: Sequence[Place], faces: tuple[Sequence[str], Sequence[str]], centre: Place) -> Scene:
+def project(scene: Scene, faces: tuple[Sequence[str], Sequence[str]], centre: Place) -> Scene:
     """The scene with everything of it in the plane of the picture.
 
     Args:
         scene: a `Scene` whose positions and load have three components.
-        curve: the way of the goal [m].
         faces: nodes of the base and of the platform; the platform's shadow falls on the ground at z = 0.
         centre: what is in the middle of the picture [m].
     """
@@ -54,7 +53,7 @@ def project(scene: Scene, curve: Sequence[Place], faces: tuple[Sequence[str], Se
         target=None if scene.target is None else at(scene.target),
         trace=[at(place) for place in scene.trace],
         load=flatten(scene.load),
-        curve=[at(place) for place in curve],
+        curve=[at(place) for place in scene.curve],
         faces=[
             ([at(place) for place in corners], colour, share)
             for corners, colour, share in (

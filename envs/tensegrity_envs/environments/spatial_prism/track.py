@@ -198,17 +198,14 @@ class SpatialPrismTrack(Core):
         }
 
     def picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
-        """What `render` draws: an orthographic projection, the curve and the platform's shadow on the ground.
-
-        In a dynamic simulation MuJoCo draws, and positions stay in space.
-        """
-        scene = super().picture(episode, state, trace, step)
-        curve = [episode.goal_at(t * self.cycle / 100) for t in range(101)]
-        if self.engine is not None:
-            return replace(scene, curve=curve)
+        """What `draw` draws: an orthographic projection, the curve and the platform's shadow on the ground."""
         return project(
-            scene,
-            curve,
+            self.spatial_picture(episode, state, trace, step),
             faces=(("B1", "B2", "B3"), ("P1", "P2", "P3")),
             centre=(0.0, 0.0, 0.6 * float(self.design.D)),
         )
+
+    def spatial_picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
+        """See `Core.spatial_picture`."""
+        curve = [episode.goal_at(t * self.cycle / 100) for t in range(101)]
+        return replace(super().picture(episode, state, trace, step), curve=curve)
