@@ -1,5 +1,6 @@
 """Code blocks of README and docs run as written; commands name what there is, with options that there are."""
 
+import importlib
 import re
 import shlex
 import subprocess
@@ -14,6 +15,11 @@ from tensegrity_agents.command_options import find_experiment
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+PACKAGES = (ROOT / "envs" / "tensegrity_envs", ROOT / "agents" / "tensegrity_agents")
+ROOMS = {*(one.name for one in PACKAGES), *(path.stem for one in PACKAGES for path in one.iterdir())} - {"env"}
+HOLDING = ("envs", "agents", "scripts", "tests", "examples", "findings", "docs", "configs")
+FILES = {path.name for folder in HOLDING for path in (ROOT / folder).rglob("*.*")}
 
 
 def blocks(language: str) -> list[tuple[str, str]]:
@@ -89,6 +95,40 @@ def test_links_lead_somewhere():
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
             assert re.match(r"https?://", target) or (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def spans(page: Path) -> list[str]:
+    """Code within the text of a page."""
+    prose = re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
+    return re.findall(r"`([^`\n]+)`", prose)
+
+
+def resolves(name: str) -> bool:
+    """Whether a dotted name leads to something; names of rooms are looked up in both packages."""
+    rooms = ("", "tensegrity_envs.", "tensegrity_agents.")
+    for parts in ([*f"{room}{name}".split(".")] for room in rooms):
+        for known in range(len(parts), 0, -1):
+            try:
+                given: Any = importlib.import_module(".".join(parts[:known]))
+            except ImportError:
+                continue
+            for part in parts[known:]:
+                given = getattr(given, part, None)
+            if given is not None:
+                return True
+            break
+    return False
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_names_of_modules_and_files_lead_somewhere(page):
+    for code in spans(page):
+        if re.fullmatch(r"[\w/.-]+\.(py|sh|yaml)", code) and not re.match(r"(configs/)?my_", code):
+            assert Path(code).name in FILES, code
+        elif code.endswith(".db"):  # of studies, written by the reader
+            continue
+        elif named := re.fullmatch(rf"((?:{'|'.join(ROOMS)})(?:\.[A-Za-z_]\w*)+)(?:\(.*\))?", code):
+            assert resolves(named[1]), code
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
