@@ -13,6 +13,7 @@ gravity.
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -30,9 +31,11 @@ from tensegrity_envs.mechanics.dual_triangle.loads import (
     identify_from,
     straight_critical_loads,
 )
+from tensegrity_envs.mechanics.dual_triangle.local_optima import nearest, optima
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective, Redundancy, resolve
 from tensegrity_envs.mechanics.dual_triangle.shooting import candidates, grid_of_starts, polish
 from tensegrity_envs.mechanics.dual_triangle.statics import DualTriangleStatics
+from tensegrity_envs.mechanics.n_x.redundancy import Optimum, measure_of
 
 _NO_LOAD = (0.0, 0.0)
 
@@ -138,34 +141,37 @@ class DualTriangle(DualTriangleStatics):
         x: Component,
         y: Component,
         start: Sequence[Component],
-        objective: Objective = "squares",
+        objective: Objective | Literal["margin"] = "squares",
         joint_limit: Component | None = None,
     ) -> Redundancy:
         """The configuration with the tip at (x, y) that is nearest to a start, by one of three measures.
 
         "sum" of the joints' displacements [Zhao2021, objective a], the largest of them, "max" (b), or the sum of their
         "squares" (c), minimized over the whole self-motion curve within the joint limits (which the paper's objectives
-        ignore), see `redundancy.py`. The optimum jumps along a path of targets, most often for "sum".
+        ignore), see `redundancy.py`. The optimum jumps along a path of targets, most often for "sum". Of other numbers
+        of segments, and for the "margin", the best one of `local_optima`.
 
         Args:
             x: target [m], a float or an array of shape (m,).
             y: target [m].
-            start: (q1, q2, q3) [rad], floats or arrays of shape (m,).
-            objective: "sum", "max" or "squares".
+            start: n angles [rad], floats or arrays of shape (m,).
+            objective: "sum", "max" or "squares"; or "margin", see `local_optima`.
             joint_limit: |q_i| is at most this [rad]; None for the design's, infinity for none (displacements are then
-                measured the shorter way round).
+                measured the shorter way round; of three segments only).
 
         Returns:
             Configuration, value of the objective, and for a target that cannot be reached the nearest point that can.
 
         Raises:
-            ValueError: a number is not finite, the objective is not one of the three, the arm has not three segments,
-                or its triangles' heights are those of a batch of designs.
+            ValueError: a number is not finite, the objective is unknown, the arm has one segment, or its triangles'
+                heights are those of a batch of designs.
         """
-        if self.segments != 3:
-            raise ValueError(f"redundancy: for three segments, not for {self.segments}")
+        if self.segments < 2:
+            raise ValueError(f"redundancy: for two segments or more, not for {self.segments}")
         check_finite("target", (x, y), 2)
-        check_finite("start", start, 3)
+        check_finite("start", start, self.segments)
+        if self.segments != 3 or objective == "margin":
+            return self._best_optima(x, y, start, objective, joint_limit)
         single = not is_batch(x, y, *start, self._probe)
         limit = np.asarray(self.design.joint_limit if joint_limit is None else joint_limit, float)
         if not np.all(limit > 0):
@@ -184,6 +190,70 @@ class DualTriangle(DualTriangleStatics):
             (float(nearest[0][0]), float(nearest[1][0])),
             float(distance[0]),
         )
+
+    def local_optima(
+        self,
+        x: float,
+        y: float,
+        objective: Objective | Literal["margin"] = "squares",
+        start: Sequence[float] | None = None,
+        load: Sequence[float] = _NO_LOAD,
+    ) -> list[Optimum]:
+        """The local optima among the configurations with the tip at (x, y) [m], best first; see `local_optima.py`.
+
+        Args:
+            x: target [m].
+            y: target [m].
+            objective: "sum", "max" or "squares" of the displacements from `start`, to be small
+                [Zhao2021, section III]; or "margin", the smaller one of stability and wrench margin at the control
+                law's inputs, to be large.
+            start: n angles [rad]; zero by default.
+            load: (fx, fy) [N], for "margin".
+
+        Returns:
+            The optima within the joint limits, none where the target is out of reach; of two segments all solutions.
+
+        Raises:
+            ValueError: a number is not finite, the objective is unknown, the arm has one segment, or it is a batch of
+                designs.
+        """
+        if self.segments < 2:
+            raise ValueError(f"local_optima: for two segments or more, not for {self.segments}")
+        check_single(self._probe, "local_optima")
+        begin = (0.0,) * self.segments if start is None else start
+        check_finite("target", (x, y), 2)
+        check_finite("start", begin, self.segments)
+        check_finite("load", load, 2)
+        place, limit = np.array(begin, float)[:, None], float(self.design.joint_limit)
+        _, q, value = optima(self, np.array([float(x)]), np.array([float(y)]), place, objective, tuple(load), limit)
+        return [Optimum(tuple(row), best) for row, best in zip(q.T.tolist(), value.tolist(), strict=True)]
+
+    def _best_optima(
+        self, x: Component, y: Component, start: Sequence[Component], objective: str, joint_limit: Component | None
+    ) -> Redundancy:
+        """`redundancy` by `local_optima`."""
+        check_single(self._probe, "redundancy")
+        limit = float(self.design.joint_limit if joint_limit is None else joint_limit)
+        if not 0 < limit < math.inf:
+            raise ValueError(f"joint_limit = {joint_limit!r}: must be positive and finite")
+        single = not is_batch(x, y, *start)
+        shape = np.broadcast_shapes((1,), np.shape(x), np.shape(y), *(np.shape(s) for s in start))
+        px, py = (np.broadcast_to(np.asarray(value, float), shape) for value in (x, y))
+        begin = np.stack([np.broadcast_to(np.asarray(value, float), shape) for value in start])
+        owner, found, value = optima(self, px, py, begin, objective, _NO_LOAD, limit)
+        targets, first = np.unique(owner, return_index=True)
+        q, best, reached = np.zeros((self.segments, *shape)), np.zeros(shape), np.zeros(shape, bool)
+        q[:, targets], best[targets], reached[targets] = found[:, first], value[first], True
+        near = np.stack([px, py])
+        for i in np.flatnonzero(~reached):
+            q[:, i], near[:, i] = nearest(self, float(px[i]), float(py[i]), limit, begin[:, i])
+            sign = -1.0 if objective == "margin" else 1.0
+            best[i] = sign * measure_of(self, objective, begin, _NO_LOAD)(q[:, [i]], np.array([i]))[0]
+        distance = np.hypot(near[0] - px, near[1] - py)
+        if not single:
+            return Redundancy(tuple(q), best, reached, (near[0], near[1]), distance)
+        place = float(near[0, 0]), float(near[1, 0])
+        return Redundancy(tuple(q[:, 0].tolist()), float(best[0]), bool(reached[0]), place, float(distance[0]))
 
     def straight_critical_loads(self, common: Component = 0.0) -> tuple[Component, ...]:
         """The n axial compressions [N] at which the straight arm loses stability, in one mode after the other.

@@ -156,6 +156,13 @@ class DualTriangleStatics(DualTriangleKinematics):
         lengths = self.free_lengths(self.control(q, load)) if free_lengths is None else free_lengths
         return 2 * self.free_length_margin(lengths) / (self.design.b1 + self.design.b2)
 
+    def posture(
+        self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD
+    ) -> tuple[Components, Component, Component]:
+        """Free lengths of the control law, stability margin and wrench margin of q."""
+        lengths = self.free_lengths(self.control(q, load))
+        return lengths, self.stability_margin(q, lengths, load), self.wrench_margin(q, lengths)
+
     def as_bilateral(self) -> Self:
         """The same arm with springs that push, too."""
         return type(self)(replace(self.design, springs="bilateral"), self.segments)

@@ -56,8 +56,8 @@ class Redundancy(NamedTuple):
     is_reachable: Component
 
 
-def measure_of(arm: CableArm, objective: str, start: np.ndarray, load: Sequence[Component]) -> Measure:
-    """What is minimized: the objective, or minus the margin.
+def measure_of(arm: Any, objective: str, start: np.ndarray, load: Sequence[Component]) -> Measure:
+    """What is minimized: the objective, or minus the margin, for which the arm needs a method `posture`.
 
     Raises:
         ValueError: there is no such objective.
@@ -89,14 +89,15 @@ def project(
         ex, ey = px - x, py - y
         if max(np.abs(ex).max(initial=0.0), np.abs(ey).max(initial=0.0)) < 1e-15 * size:
             break
-        step = _shortest_step(arm, q, ex, ey, size)
+        step = shortest_step(arm, q, ex, ey, size)
         length = np.abs(step).max(axis=0)
         q = np.clip(q - step * (0.5 / np.maximum(0.5, length)), -limit, limit)
     px, py = arm.tip(tuple(q))
     return q, np.asarray(np.hypot(px - x, py - y) < 1e-12 * size)
 
 
-def _shortest_step(arm: CableArm, q: np.ndarray, ex: np.ndarray, ey: np.ndarray, size: float) -> np.ndarray:
+def shortest_step(arm: CableArm, q: np.ndarray, ex: np.ndarray, ey: np.ndarray, size: float) -> np.ndarray:
+    """The smallest joint steps (n, k) [rad] that move the tips by (ex, ey) [m] to first order; `size` is the reach."""
     rows = arm.jacobian(tuple(q))
     jx, jy = (np.stack([np.broadcast_to(entry, ex.shape) for entry in row]) for row in rows)
     damping = 1e-3 * (ex * ex + ey * ey) + 1e-30 * size**2
@@ -146,7 +147,7 @@ def walk(
         new = here + tangent * (sign[active] * step[active])
         for _ in range(3):
             px, py = arm.tip(tuple(new))
-            new = new - _shortest_step(arm, new, px - x[target], py - y[target], size)
+            new = new - shortest_step(arm, new, px - x[target], py - y[target], size)
         px, py = arm.tip(tuple(new))
         fine = np.hypot(px - x[target], py - y[target]) < 1e-12 * size
         fine &= (np.abs(new) <= limit).all(axis=0)

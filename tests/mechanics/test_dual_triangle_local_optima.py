@@ -1,0 +1,164 @@
+"""Local optima of arms of any number of segments, against searches over the first angles from many starts."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tensegrity_envs.mechanics import ZHAO2021_TEXT, DualTriangle, DualTriangleDesign
+
+OBJECTIVES = ("sum", "max", "squares", "margin")
+UNEQUAL = DualTriangleDesign(0.05, 0.04, 0.06, 0.05, 500.0, 450.0, 0.055, 0.05)
+
+
+def wrapped(angle):
+    return (angle + math.pi) % (2 * math.pi) - math.pi
+
+
+def completed(arm, first, x, y, elbow):
+    """The configurations with these first angles (n - 2, k), by intersecting circles about the last pivot but one."""
+    lengths = arm.link_lengths
+    turn, px, py = np.zeros(first.shape[1]), np.full(first.shape[1], float(arm.design.b1)), np.zeros(first.shape[1])
+    for angle, length in zip(first, lengths[:-2], strict=True):
+        turn = turn + angle
+        px, py = px + length * np.cos(turn), py + length * np.sin(turn)
+    dx, dy, (long, short) = x - px, y - py, lengths[-2:]
+    rho = np.hypot(dx, dy)
+    along = (rho**2 + long**2 - short**2) / (2 * rho)
+    with np.errstate(invalid="ignore"):
+        height = np.sqrt(long**2 - along**2)
+    cx, cy = px + (dx * along + elbow * dy * height) / rho, py + (dy * along - elbow * dx * height) / rho
+    second, third = np.arctan2(cy - py, cx - px), np.arctan2(y - cy, x - cx)
+    return np.stack([*first, wrapped(second - turn), wrapped(third - second)])
+
+
+def value_of(arm, objective, q, start):
+    """What is to be small; infinite beyond the joint limits and where there is no configuration."""
+    with np.errstate(invalid="ignore"):
+        inside = (np.abs(q) <= float(arm.design.joint_limit) + 1e-12).all(axis=0)
+    safe = np.where(inside, q, 0.0)
+    if objective == "margin":
+        lengths = arm.free_lengths(arm.control(tuple(safe)))
+        rows = [[np.broadcast_to(e, q[0].shape) for e in row] for row in arm.stiffness_matrix(tuple(safe), lengths)]
+        table = np.moveaxis(np.array(rows, float), -1, 0)
+        stability = np.linalg.eigvalsh(table)[:, 0] / arm.stiffness_scale
+        value = -np.minimum(stability, 2 * np.min(lengths, axis=0) / (arm.design.b1 + arm.design.b2))
+    else:
+        move = np.abs(safe - np.asarray(start)[:, None])
+        value = {"sum": move.sum(0), "max": move.max(0), "squares": (move**2).sum(0)}[objective]
+    return np.where(inside, value, np.inf)
+
+
+def lowest(arm, objective, x, y, start, starts, rounds, rng):
+    """The best value of random walks of the first angles, both elbows, whose steps shrink where they do not improve."""
+    free, limit = arm.segments - 2, float(arm.design.joint_limit)
+    first = np.tile(rng.uniform(-limit, limit, (free, starts)), 2)
+    elbow = np.repeat([1.0, -1.0], starts)
+    value = value_of(arm, objective, completed(arm, first, x, y, elbow), start)
+    step = np.full(2 * starts, 0.5)
+    for _ in range(rounds if free else 0):
+        new = first + step * rng.normal(size=first.shape)
+        tried = value_of(arm, objective, completed(arm, new, x, y, elbow), start)
+        better = tried < value
+        first, value = np.where(better, new, first), np.where(better, tried, value)
+        step = np.clip(np.where(better, 1.5 * step, 0.9 * step), 1e-9, 0.5)
+        step = np.where(np.isfinite(value), step, 0.5)
+    return value.min()
+
+
+def certify(arm, objectives, targets, starts, rounds, seed):
+    """Compare the best local optimum with the best of a search. Returns how often the search came close to it."""
+    rng, limit, close, count = np.random.default_rng(seed), float(arm.design.joint_limit), 0, 0
+    for _ in range(targets):
+        q = rng.uniform(-limit, limit, arm.segments) * rng.choice([0.3, 0.6, 0.95])
+        x, y = (float(place) for place in arm.tip(tuple(q)))
+        start = tuple(rng.uniform(-0.6, 0.6, arm.segments).tolist())
+        for objective in objectives:
+            sign = -1.0 if objective == "margin" else 1.0
+            found = arm.local_optima(x, y, objective, start)
+            assert found
+            values = [sign * one.objective for one in found]
+            assert values == sorted(values)
+            for one in found:
+                column = np.array(one.configuration)[:, None]
+                assert arm.tip(one.configuration) == pytest.approx((x, y), abs=1e-12)
+                assert value_of(arm, objective, column, start)[0] == pytest.approx(sign * one.objective, abs=1e-9)
+            searched = lowest(arm, objective, x, y, start, starts, rounds, rng)
+            assert values[0] <= searched + 1e-6, (arm.segments, objective, x, y, start)
+            close += searched < values[0] + 0.02
+            count += 1
+    return close / count
+
+
+@pytest.mark.parametrize(
+    ("segments", "design", "targets"), [(2, UNEQUAL, 6), (3, ZHAO2021_TEXT, 3), (4, UNEQUAL, 3), (5, ZHAO2021_TEXT, 2)]
+)
+def test_no_better_optimum_from_20_starts(segments, design, targets):
+    arm = DualTriangle(design, segments)
+    assert certify(arm, OBJECTIVES[:3], targets, 20, 200, segments) > 0.7
+    certify(arm, ("margin",), 1, 20, 100, segments)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("segments", [4, 5])
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_no_better_optimum_from_200_starts(segments, objective):
+    """250 targets of each number of segments."""
+    assert certify(DualTriangle(ZHAO2021_TEXT, segments), (objective,), 250, 200, 300, segments) > 0.8
+
+
+def test_three_segments_have_the_optima_of_the_curve():
+    """Another solver of ours, by the parametrized curve, which is certified on its own."""
+    arm, rng = DualTriangle(ZHAO2021_TEXT), np.random.default_rng(5)
+    for _ in range(4):
+        x, y = arm.tip(tuple(rng.uniform(-0.9, 0.9, 3).tolist()))
+        start = tuple(rng.uniform(-0.5, 0.5, 3).tolist())
+        for objective in OBJECTIVES[:3]:
+            best = arm.redundancy(x, y, start, objective)
+            found = arm.local_optima(x, y, objective, start)
+            assert found[0].objective == pytest.approx(best.objective, abs=1e-7)
+
+
+def test_two_segments_have_both_solutions():
+    arm, rng = DualTriangle(UNEQUAL, 2), np.random.default_rng(6)
+    for _ in range(20):
+        x, y = arm.tip(tuple(rng.uniform(-1.0, 1.0, 2).tolist()))
+        expected = [s.configuration for s in arm.inverse_kinematics(x, y) if s.is_within_limits]
+        found = sorted(one.configuration for one in arm.local_optima(x, y, "sum"))
+        np.testing.assert_allclose(found, sorted(expected), atol=1e-9)
+
+
+@pytest.mark.parametrize("segments", [2, 4, 5])
+def test_redundancy_is_the_best_optimum_and_out_of_reach_the_nearest_point(segments):
+    arm, rng = DualTriangle(UNEQUAL, segments), np.random.default_rng(segments)
+    limit, reach = float(arm.design.joint_limit), float(arm.reach)
+    x, y = rng.uniform(0.2 * reach, reach, 5), rng.uniform(-0.6 * reach, 0.6 * reach, 5)
+    start = tuple(rng.uniform(-0.5, 0.5, (segments, 5)))
+    batch = arm.redundancy(x, y, start, "squares")
+    many = rng.uniform(-limit, limit, (segments, 200_000))
+    tips = arm.tip(tuple(many))
+    for i in range(5):
+        one = arm.redundancy(float(x[i]), float(y[i]), tuple(float(s[i]) for s in start), "squares")
+        assert one.is_reachable == batch.is_reachable[i]
+        assert one.objective == pytest.approx(batch.objective[i], abs=1e-6)
+        sampled = np.hypot(tips[0] - x[i], tips[1] - y[i]).min()
+        if one.is_reachable:
+            found = arm.local_optima(float(x[i]), float(y[i]), "squares", tuple(float(s[i]) for s in start))
+            assert found[0].objective == pytest.approx(one.objective, abs=1e-6)
+            assert one.distance == 0
+        else:
+            assert 0 < one.distance <= sampled + 1e-9
+            assert arm.tip(one.configuration) == pytest.approx(one.nearest, abs=1e-9)
+            assert max(map(abs, one.configuration)) <= limit
+
+
+def test_calls_that_make_no_sense():
+    with pytest.raises(ValueError, match="two segments or more"):
+        DualTriangle(segments=1).local_optima(0.1, 0.0)
+    with pytest.raises(ValueError, match="two segments or more"):
+        DualTriangle(segments=1).redundancy(0.1, 0.0, (0.0,))
+    with pytest.raises(ValueError, match="objective = 'most'"):
+        DualTriangle(segments=4).redundancy(0.2, 0.0, (0.0,) * 4, "most")
+    with pytest.raises(ValueError, match="positive and finite"):
+        DualTriangle(segments=4).redundancy(0.2, 0.0, (0.0,) * 4, joint_limit=math.inf)
+    assert DualTriangle(segments=4).local_optima(9.0, 0.0) == []
