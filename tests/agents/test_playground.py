@@ -14,6 +14,8 @@ from tensegrity_agents.playground import PLAYGROUNDS, write_playground
 from tensegrity_envs.mechanics import (
     JI2014,
     MURALIDHARAN2022,
+    NX,
+    THREE_X,
     ZHAO2021_CAPTION,
     DualTriangle,
     PlanarFourBar,
@@ -26,6 +28,7 @@ NEAR_FOLD = 1e-3  # of a determinant or a margin: there two solutions all but me
 
 POSTURES = {
     "two-x": lambda design: TwoX(replace(MURALIDHARAN2022, **design)),
+    "n-x": lambda design: NX(replace(THREE_X, **design)),
     "dual-triangle": lambda design: DualTriangle(replace(ZHAO2021_CAPTION, **design)),
 }
 
@@ -95,6 +98,35 @@ def test_two_x(in_browser):
                 assert answer["usable"] == (stability > 0 and wrench >= 0)
             compared += 1
     assert compared > 1500
+
+
+def test_n_x(in_browser):
+    """The last two joints are a 2-X that stands on the first: Python finds its solutions by a polynomial."""
+    inputs = random_inputs("n-x")
+    compared = 0
+    for one, answers in zip(inputs, solutions_in_browser(in_browser, "n-x", inputs), strict=True):
+        arm, q1 = POSTURES["n-x"](one["design"]), one["extra"]["q1"]
+        pair = TwoX(replace(MURALIDHARAN2022, **{name: one["design"][name] for name in ("a", "b", "l")}))
+        nodes = {name: complex(*place) for name, place in arm.nodes((q1, 0.0, 0.0)).items()}
+        seen = (complex(*one["target"]) - (nodes["A2"] + nodes["B2"]) / 2) / np.exp(1j * q1)
+        expected = pair.inverse_kinematics(seen.real, seen.imag)
+        if any(
+            abs(s.singularity) < NEAR_FOLD * pair.reach**2 or max(map(abs, s.configuration)) > 3.13 for s in expected
+        ):
+            continue
+        assert len(answers) == len(expected)
+        for answer, solution in zip(answers, expected, strict=True):
+            q = (q1, *solution.configuration)
+            assert close_to(answer["q"], q)
+            assert_close(answer["tip"], one["target"])
+            assert_close(answer["determinant"], arm.jacobian_determinant(q))
+            if abs(np.cos(np.array(q) / 2)).min() > 0.05:  # else flat, where tensions are huge
+                tensions, stability, wrench = arm.posture(q, one["load"])
+                assert_close(answer["tensions"], tensions, 250)
+                assert_close([answer["stability"], answer["wrench"]], [stability, wrench])
+                assert answer["usable"] == (stability > 0 and wrench >= 0)
+            compared += 1
+    assert compared > 1000
 
 
 def test_dual_triangle(in_browser):

@@ -6,11 +6,12 @@ drawing (`view.js`) are JavaScript of their own.
 """
 
 from tensegrity_agents.playground.page import Playground, write_playground
-from tensegrity_agents.playground.planar import DUAL_TRIANGLE, PLANAR_FOUR_BAR, TWO_X
+from tensegrity_agents.playground.planar import DUAL_TRIANGLE, N_X, PLANAR_FOUR_BAR, TWO_X
 from tensegrity_agents.playground.spatial import SPATIAL_PRISM
 
 PLAYGROUNDS: dict[str, Playground] = {
     "two-x": TWO_X,
+    "n-x": N_X,
     "dual-triangle": DUAL_TRIANGLE,
     "planar-four-bar": PLANAR_FOUR_BAR,
     "spatial-prism": SPATIAL_PRISM,

@@ -10,9 +10,12 @@ from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics import (
     JI2014,
     MURALIDHARAN2022,
+    NX,
+    THREE_X,
     ZHAO2021_CAPTION,
     DualTriangle,
     DualTriangleDesign,
+    NXDesign,
     PlanarFourBar,
     PlanarFourBarDesign,
     TwoX,
@@ -87,6 +90,69 @@ TWO_X = Playground(
     ),
     classes=COUNTS,
     members=members_of(TwoX(), ("bar", "cable")),
+)  # fmt: skip
+
+# ------------------------------------------------------------------------------------------------------------- 3-X
+
+
+def _beyond_first(design: NXDesign, target: Components, q1: Component) -> Components:
+    """The target as it is seen from the second joint: from the middle of its base, along its base."""
+    arm = NX(design)
+    xp = arm.namespace(q1)
+    nodes = arm.nodes((q1, 0.0 * q1, 0.0 * q1))
+    dx, dy = (end - (left + right) / 2 for end, left, right in zip(target, nodes["A2"], nodes["B2"], strict=True))
+    sine, cosine = xp.sin(q1), xp.cos(q1)
+    return cosine * dx + sine * dy, cosine * dy - sine * dx
+
+
+def _three_x_posture(design: NXDesign, q: Components, load: Components) -> dict[str, Any]:
+    arm = NX(design)
+    tensions, stability, wrench = arm.posture(q, load)
+    return {
+        "tensions": tensions,
+        "stability": stability,
+        "wrench": wrench,
+        "determinant": arm.jacobian_determinant(q),
+        "tip": arm.tip(q),
+    }
+
+
+_THREE_X = varying(THREE_X, "payload", "a", "b", "l")
+N_X = Playground(
+    title="Arm of three X-joints",
+    about="Three angles for two coordinates of the tip: the first one is free, and all others that fit it are shown, "
+    "with the stiffest tensions of the six cables.",
+    script="n_x.js",
+    functions={
+        "beyondFirst": (_beyond_first, {"design": _THREE_X, "target": PAIR, "q1": VARIES}),
+        **{name: TWO_X.functions[name] for name in ("offCurve", "candidate", "place")},  # of the last two joints
+        "posture": (_three_x_posture, {"design": _THREE_X, "q": TRIPLE, "load": PAIR}),
+        "nodes": (lambda design, q: NX(design).nodes(q), {"design": _THREE_X, "q": TRIPLE}),
+    },
+    design={name: float(getattr(THREE_X, name)) for name in ("payload", "a", "b", "l", "joint_limit")},
+    constants={"limit": 2.6},
+    main=Plane(("x [m]", "y [m]"), (-1.0, -1.0, 1.0, 1.0), "", project=(0, 1)),
+    second=Plane(
+        ("first angle α₁ [rad]", "stability margin [-]"), (-2.6, -0.5, 2.6, 1.5),
+        "Stability margin of all solutions over the free angle; dashed where the tensions would leave their limits. "
+        "Click or drag to choose α₁.",
+        equal=False,
+    ),
+    start=(0.45, 0.5),
+    sliders=(
+        Slider("first angle α₁ [rad]", "extra", ("q1",), -2.6, 2.6, -0.5),
+        Slider("payload [kg]", "design", ("payload",), 0.0, 1.0, 0.0),
+        Slider("load at the tip, f<sub>x</sub> [N]", "load", (0,), -10.0, 10.0, 0.0),
+        Slider("load at the tip, f<sub>y</sub> [N]", "load", (1,), -10.0, 10.0, 0.0),
+        Slider("offset a [m]", "design", ("a",), 0.0, 0.2, 0.2),
+        Slider("base bar b [m]", "design", ("b",), 0.02, 0.08, 0.05),
+    ),
+    quantities=(
+        "α₁ [rad]", "α₂ [rad]", "α₃ [rad]", "√det JJᵀ [m²]", "stability margin [-]", "wrench margin [-]",
+        *(f"tension {name} [N]" for name in NX(THREE_X).input_names),
+    ),
+    classes=(OUT, REACHED, ("held by some configuration", HELD[1])),
+    members=members_of(NX(THREE_X), ("bar", "cable")),
 )  # fmt: skip
 
 # --------------------------------------------------------------------------------------------------- dual-triangles

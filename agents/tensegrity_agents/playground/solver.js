@@ -1,4 +1,4 @@
-// Searches that know no equation: roots of a function of one number, and Newton's method for two.
+// Searches that know no equation: roots of a function of one number, Newton's method for two, and both of two X-joints.
 
 // Where f changes sign between low and high (Chandrupatla's method).
 function rootBetween(f, low, high, fLow, fHigh) {
@@ -65,3 +65,26 @@ function newton(at, q, target, longest) {
 }
 
 const wrapped = (angle, turn) => angle - turn * Math.ceil((angle - turn / 2) / turn);  // into (-turn / 2, turn / 2]
+
+const FULL_TURN = 4 * Math.PI;  // of an angle alpha: the middle line of an X-joint turns by half of it
+
+// Angles of two X-joints that put the tip on a target: roots of `off` along the circle of the first joint's eccentric
+// anomaly, where `start` gives the angles; `at` is as Newton's method takes it.
+function pairs({off, start, at}, [x, y], {l, a, joint_limit: given}, samples) {
+  const found = [], reach = 2 * (l + a), limit = Math.min(given, given <= Math.PI ? Math.PI - 1e-9 : given);
+  if (Math.hypot(x, y) > reach) return found;
+  for (const psi of rootsOf(off, 0, 2 * Math.PI, samples, true)) {
+    const first = start(psi), starts = [first.q];
+    // Where the curve crosses itself, one alpha_1 has two alpha_2.
+    if (Math.abs(first.u) < 1e-3 * l ** 2)
+      for (let k = 0; k < 12; k++) starts.push([first.q[0], FULL_TURN * (k / 12 - 0.5)]);
+    for (const q of starts) {
+      if (Math.abs(q[0]) > given + 0.1) continue;
+      const solution = newton(at, q, [x, y], 0.3), angles = solution.q.map(angle => wrapped(angle, FULL_TURN));
+      if (solution.error > 1e-12 * reach || Math.max(...angles.map(Math.abs)) > limit) continue;
+      const gap = (p, q) => Math.abs(wrapped(p - q, FULL_TURN));
+      if (!found.some(p => gap(p[0], angles[0]) + gap(p[1], angles[1]) < 1e-6)) found.push(angles);
+    }
+  }
+  return found.sort((p, q) => p[0] - q[0] || p[1] - q[1]);
+}
