@@ -209,7 +209,7 @@ def run_campaign(
     # Torch and compiled code do not survive a fork.
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         begun: dict[Future[Record], Task] = {
-            pool.submit(measure, task, results, records, _silent): task for task in todo
+            pool.submit(measure, task, results, records, silent): task for task in todo
         }
         try:
             for number, future in enumerate(as_completed(begun)):
@@ -220,7 +220,7 @@ def run_campaign(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _silent(what: str, done: int, total: int, remark: str) -> None:
+def silent(what: str, done: int, total: int, remark: str) -> None:
     """Progress of rows in other processes is that they are finished."""
 
 

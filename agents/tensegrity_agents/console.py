@@ -34,7 +34,16 @@ errors = Console(stderr=True)
 
 # Exit codes. Beside these, a run that a signal ends has 128 + its number: 130 after Ctrl-C.
 FAILURE, SLIP = 1, 2
-_OF_EXTRAS = ("mujoco", "onnx", "onnxruntime", "onnxscript", "minari", "h5py", "optuna")  # whose absence is a slip
+_OF_EXTRAS = (
+    "mujoco",
+    "onnx",
+    "onnxruntime",
+    "onnxscript",
+    "minari",
+    "h5py",
+    "optuna",
+    "ray",
+)  # whose absence is a slip
 # What no other command line mends: a full or broken disk, too little memory, too many files open.
 _FAILURES = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.ENOMEM, errno.EMFILE, errno.ENFILE}
 

@@ -21,6 +21,9 @@ def main(
     seeds: Annotated[str | None, typer.Option(help="training seeds, such as 0,1,2", show_default="0,1,2,3,4")] = None,
     only: Annotated[str, typer.Option(help="agents, controllers, or all")] = "all",
     jobs: Annotated[int, typer.Option(min=1, help="processes, at most one for each core")] = 1,
+    ray: Annotated[
+        str | None, typer.Option(help="address of a Ray cluster to measure on, such as auto or host:port")
+    ] = None,
     results: Annotated[Path, typer.Option(help="folder of trainings")] = Path("results"),
     records: Annotated[Path, typer.Option(help="folder of the rows: a small JSON file each")] = Path("records"),
     policies: Annotated[
@@ -32,6 +35,9 @@ def main(
 
     Interrupt it whenever you like: the same command goes on, and rows that are there are not measured again. A row that
     fails is named, and the others go on. The matrix of all rows is drawn by: tensegrity matrix
+
+    With --ray the rows are measured on a cluster, on whose nodes this package is installed; trainings whose node dies
+    go on from their last checkpoint, which is kept here.
 
     Example: tensegrity campaign --ids TwoXReach-v0,TwoXTensionReach-v0 --seeds 0,1,2 --jobs 2
     """
@@ -50,7 +56,12 @@ def main(
         ]
         failed: list[Task] = []
         with progress_bar() as progress:
-            for number, (task, found) in enumerate(run_campaign(tasks, results, records, progress, jobs), 1):
+            rows = run_campaign(tasks, results, records, progress, jobs)
+            if ray is not None:
+                from tensegrity_agents.cluster import run_on_cluster
+
+                rows = run_on_cluster(tasks, results, records, progress, ray)
+            for number, (task, found) in enumerate(rows, 1):
                 say(f"{number}/{len(tasks)} {task.short_id} {task.name}: {_in_words(found)}")
                 if isinstance(found, Exception):
                     failed.append(task)

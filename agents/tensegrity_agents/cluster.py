@@ -1,0 +1,183 @@
+"""The rows of a campaign on a Ray cluster; a worker or node that dies costs what it did since its last checkpoint.
+
+Checkpoints, policies and records go to the machine on which the campaign was begun, through one actor there: nodes need
+no file system in common. The package must be installed on each of them, in the same version. A row that is retried goes
+on from its last checkpoint, to the same policy (see `sb3.training`) on the same kind of processor.
+"""
+
+import os
+import socket
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from tensegrity_agents.campaign import Task, measure, silent
+from tensegrity_agents.config import ConfigError, Experiment
+from tensegrity_agents.evaluation.records import Record, read_record
+from tensegrity_agents.evaluation.results import Progress
+from tensegrity_agents.sb3.checkpoint import CHECKPOINT
+
+RETRIES = 10  # of a row whose worker or node has died
+_SECONDS = 5.0  # between two looks for a new checkpoint
+
+
+class Keeper:
+    """Keeps the files of trainings on the machine of the campaign.
+
+    Args:
+        results: folder of trainings.
+    """
+
+    def __init__(self, results: Path) -> None:
+        self.results = results
+
+    def put(self, home: str, files: dict[str, bytes]) -> None:
+        """Write the files of a training, each whole or not at all.
+
+        Args:
+            home: folder of the training, below `results`.
+            files: contents by name.
+        """
+        _write(self.results / home, files)
+
+    def get(self, home: str) -> dict[str, bytes]:
+        """What there is of a training."""
+        return _read(self.results / home)
+
+
+def _write(folder: Path, files: dict[str, bytes]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        part = folder / f"{name}.part"
+        part.write_bytes(content)
+        os.replace(part, folder / name)
+
+
+def _read(folder: Path) -> dict[str, bytes]:
+    """The files of a folder; those that are being written, and folders, are left out."""
+    found = sorted(folder.iterdir()) if folder.is_dir() else []
+    return {path.name: path.read_bytes() for path in found if path.is_file() and path.suffix != ".part"}
+
+
+@contextmanager
+def _sending(folder: Path, send: Any) -> Iterator[None]:
+    """Sends the files of a training whenever there is a new checkpoint."""
+    done = threading.Event()
+
+    def watch() -> None:
+        sent = 0
+        while not done.wait(_SECONDS):
+            path = folder / CHECKPOINT
+            if path.is_file() and path.stat().st_mtime_ns != sent:
+                sent = path.stat().st_mtime_ns
+                send(_read(folder))
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+def measure_apart(settings: dict[str, Any], seed: int | None, controller: str, keeper: Any) -> bytes:
+    """Measure a row on a node of the cluster.
+
+    Args:
+        settings: of the experiment.
+        seed: of the training; None for a controller.
+        controller: its name.
+        keeper: handle of the actor that keeps files.
+
+    Returns:
+        The record's file.
+    """
+    import ray
+
+    task = Task(Experiment(**settings), seed, controller)
+    with TemporaryDirectory() as place:
+        results, records = Path(place) / "results", Path(place) / "records"
+        home = task.home(results)
+        name = str(home.relative_to(results))
+
+        def send(files: dict[str, bytes]) -> None:
+            ray.get(keeper.put.remote(name, files))
+
+        if seed is None:
+            measure(task, results, records, silent)
+        else:
+            _write(home, ray.get(keeper.get.remote(name)))
+            with _sending(home, send):
+                measure(task, results, records, silent)
+            send(_read(home))
+        return task.file(records).read_bytes()
+
+
+def run_on_cluster(
+    tasks: Sequence[Task], results: Path, records: Path, progress: Progress, address: str
+) -> Iterator[tuple[Task, Record | Exception]]:
+    """Measure all rows that are not there yet on a Ray cluster; each is yielded when it is.
+
+    Args:
+        tasks: the rows, in the order in which they are begun; each takes as many cores as its training has threads.
+        results: of trainings, on this machine, see `campaign.measure`.
+        records: of rows, on this machine, see `campaign.measure`.
+        progress: called with the number of rows that are there.
+        address: of the cluster, as Ray has it: "auto", "host:port", or "local" for one on this machine alone.
+
+    Raises:
+        ImportError: the extra "ray" is not installed.
+        ConfigError: there is no cluster at this address.
+    """
+    ray = _connected(address)
+    try:
+        here = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
+            ray.get_runtime_context().get_node_id(), soft=False
+        )
+        keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=here).remote(results.absolute())
+        todo = []
+        for task in tasks:
+            kept = task.kept(records)
+            if kept is None:
+                todo.append(task)
+            else:
+                yield task, kept
+        begun = {}
+        for task in todo:
+            row = ray.remote(measure_apart).options(num_cpus=task.experiment.train.threads, max_retries=RETRIES)
+            begun[row.remote(task.experiment.model_dump(mode="json"), task.seed, task.controller, keeper)] = task
+        waiting = list(begun)
+        while waiting:
+            (ready, *_), waiting = ray.wait(waiting)
+            task = begun[ready]
+            progress("rows", len(todo) - len(waiting), len(todo), task.short_id)
+            try:
+                _write(task.file(records).parent, {task.file(records).name: ray.get(ready)})
+                yield task, read_record(task.file(records))
+            except (ray.exceptions.RayError, ValueError) as error:
+                yield task, RuntimeError(str(error).strip().splitlines()[-1])
+    finally:
+        ray.shutdown()
+
+
+def _connected(address: str) -> Any:
+    """The package Ray, connected with a cluster."""
+    try:
+        import ray
+        import ray.util.scheduling_strategies
+    except ImportError as error:
+        raise ImportError(
+            f"--ray needs the extra ray: pip install 'tensegrity-envs[ray]' ({error})", name="ray"
+        ) from error
+    host, _, port = address.rpartition(":")
+    try:
+        if host and port.isdecimal() and "/" not in host:  # Ray itself would try for minutes
+            socket.create_connection((host, int(port)), timeout=10).close()
+        ray.init(address=address, log_to_driver=False, logging_level="warning")
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--ray {address}: no Ray cluster there ({error}); start one by: ray start --head") from error
+    return ray
