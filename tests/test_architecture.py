@@ -60,6 +60,7 @@ AGENT_LAYERS = [
     "playground",
     "experiment",
     "campaign",
+    "cluster",
     "benchmark",
     "benchmark_against",
     "benchmark_memory",
