@@ -17,10 +17,11 @@ for package in ("onnx", "onnxscript", "onnxruntime"):
     pytest.importorskip(package)
 
 FLAT, HINTED = "TwoXReach-v0", "PlanarFourBarLoadedReach-v0"
-ALGORITHMS = [name for name in get_args(TrainConfig.model_fields["algorithm"].annotation) if "recurrent" not in name]
+ALGORITHMS = get_args(TrainConfig.model_fields["algorithm"].annotation)
 CASES = [
     *((algorithm, FLAT, {}) for algorithm in ALGORITHMS),
     ("ppo", "TwoXPayloadReach-v0", {"history": 3}),
+    ("recurrent_ppo", "TwoXPayloadReach-v0", {"history": 2}),
     ("ppo", HINTED, {"model_hints": True}),
     ("ppo", HINTED, {"model_hints": True, "history": 2}),
 ]
@@ -75,13 +76,6 @@ def test_a_file_that_would_differ_is_not_written(tmp_path, monkeypatch):
     with pytest.raises(onnx_policy.ExportError, match="differ"):
         tensegrity_agents.export("TwoXReach-v0", tmp_path / "policy.onnx")
     assert not list(tmp_path.iterdir())
-
-
-def test_recurrent_policies_are_refused(tmp_path):
-    settings = {"algorithm": "recurrent_ppo", "total_timesteps": 64, "ppo": {"num_envs": 4, "n_steps": 8}}
-    policy = train(Experiment(env=FLAT, train=settings), 0, tmp_path / "agent")
-    with pytest.raises(ValueError, match="recurrent policy has no ONNX form"):
-        tensegrity_agents.export(policy, tmp_path / "policy.onnx")
 
 
 def test_the_command_writes_a_shipped_policy(tmp_path):

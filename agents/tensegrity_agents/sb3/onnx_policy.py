@@ -1,9 +1,10 @@
 """Policies as ONNX files, for machines without Torch and for other languages.
 
 The file takes the raw observation of the environment, as `TrainedPolicy.predict` does: normalization is part of it. A
-policy that remembers takes what it remembers as further inputs (`past_observations`, `past_actions`, `first`, and
-`begins`, which is true where an episode begins) and returns it with `next_` before its names. A policy with model-based
-features takes them as the input `features`: they are what Python computes, see `controllers.model_features`.
+policy that remembers takes what it remembers as further inputs (`past_observations`, `past_actions` and `first`; a
+recurrent one `hidden` and `cell`) and returns it with `next_` before its names; the input `begins` is true where an
+episode begins, whatever was remembered. A policy with model-based features takes them as the input `features`: they are
+what Python computes, see `controllers.model_features`.
 
 | input | shape | type |
 |---|---|---|
@@ -12,6 +13,7 @@ features takes them as the input `features`: they are what Python computes, see 
 | past_observations | (n, steps, size of observation and features) | float32 |
 | past_actions | (n, steps, action size) | float32 |
 | first | (n, size of observation and features) | float32 |
+| hidden, cell | (n, layers, units) | float32 |
 | begins | (n,) | bool |
 
 The output `action`, shape (n, action size), float32, is within [-1, 1].
@@ -39,6 +41,7 @@ METADATA = "tensegrity_agents"  # the key of the description in the file's metad
 TOLERANCE = 1e-6  # of actions, which are within [-1, 1]
 _GOALS = ("observation", "achieved_goal", "desired_goal")
 _PAST = ("past_observations", "past_actions", "first")
+_HIDDEN = ("hidden", "cell")
 
 
 class _Graph(torch.nn.Module):
@@ -66,6 +69,8 @@ class _Graph(torch.nn.Module):
         past_observations: torch.Tensor | None = None,
         past_actions: torch.Tensor | None = None,
         first: torch.Tensor | None = None,
+        hidden: torch.Tensor | None = None,
+        cell: torch.Tensor | None = None,
         begins: torch.Tensor | None = None,
     ) -> Any:
         """The actions, and what is remembered."""
@@ -79,8 +84,23 @@ class _Graph(torch.nn.Module):
             values = self.features({name: value.double() for name, value in shown.items()}).float()
         scaled = ((values.double() - self.mean) / self.deviation).clip(-self.clip, self.clip).float()
         shown = scaled if self.features is not None else shown | {"observation": scaled}
-        action = self.policy._predict(shown, deterministic=True).clip(-1.0, 1.0)
-        return (action, *with_action(torch, past, action)) if self.remembers else action
+        after: tuple[torch.Tensor, ...] = ()
+        if hidden is None or cell is None or begins is None:
+            action = self.policy._predict(shown, deterministic=True).clip(-1.0, 1.0)
+        else:
+            action, after = self._recurrent(shown, hidden, cell, begins)
+        told = with_action(torch, past, action) if self.remembers else ()
+        return (action, *told, *after) if told or after else action
+
+    def _recurrent(self, shown: Any, hidden: torch.Tensor, cell: torch.Tensor, begins: torch.Tensor) -> Any:
+        """One step of a recurrent policy, whose own `_predict` asks whether an episode begins: no graph holds that."""
+        policy: Any = self.policy
+        kept = (~begins).float()[None, :, None]
+        features = policy.extract_features(shown, policy.pi_features_extractor)
+        before = tuple(kept * state.transpose(0, 1) for state in (hidden, cell))
+        out, after = policy.lstm_actor(features[None], before)
+        action = policy.action_net(policy.mlp_extractor.forward_actor(out[0])).clip(-1.0, 1.0)
+        return action, tuple(state.transpose(0, 1) for state in after)
 
 
 def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> float:
@@ -96,7 +116,6 @@ def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> floa
 
     Raises:
         ImportError: the extra "onnx" is not installed.
-        ValueError: the policy is recurrent, which no file holds yet.
         ExportError: actions differ by more than `TOLERANCE`; the file is not written.
     """
     for package in ("onnx", "onnxscript", "onnxruntime"):
@@ -104,8 +123,6 @@ def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> floa
             __import__(package)
         except ImportError as error:
             raise ImportError(f"ONNX needs  pip install 'tensegrity-envs[onnx]'  ({error})", name=package) from error
-    if trained.description["algorithm"] == "recurrent_ppo":
-        raise ValueError("a recurrent policy has no ONNX form yet; one with history: has (docs/learning.md)")
     graph = _Graph(trained).eval()
     example = _example(trained)
     names = [*example]
@@ -117,7 +134,7 @@ def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> floa
             (),
             kwargs=example,
             input_names=names,
-            output_names=["action", *(f"next_{name}" for name in _PAST)] if graph.remembers else ["action"],
+            output_names=["action", *(f"next_{name}" for name in (*_PAST, *_HIDDEN) if name in example)],
             dynamic_shapes=shapes,
             dynamo=True,
             verbose=False,
@@ -147,10 +164,13 @@ def _example(trained: TrainedPolicy, n: int = 3) -> dict[str, torch.Tensor]:
             inputs["past_observations"] = torch.zeros(n, one.length, one.observation_size)
             inputs["past_actions"] = torch.zeros(n, one.length, one.action_size)
             inputs["first"] = torch.zeros(n, one.observation_size)
-            inputs["begins"] = torch.ones(n, dtype=torch.bool)
         else:
             before, space = space["observation"].shape[0], one.space(space)
             inputs["features"] = torch.zeros(n, space["observation"].shape[0] - before)
+    if lstm := getattr(trained.policy, "lstm_actor", None):
+        inputs |= {name: torch.zeros(n, lstm.num_layers, lstm.hidden_size) for name in _HIDDEN}
+    if not {"first", "hidden"}.isdisjoint(inputs):
+        inputs["begins"] = torch.ones(n, dtype=torch.bool)
     return inputs
 
 
@@ -209,8 +229,9 @@ class OnnxPolicy:
             seen, of_features = self._features(observation, None if state is None else state[1], episode_start)
             inputs["features"] = seen["observation"][:, inputs["observation"].shape[1] :]
         if "begins" in self._shapes:
-            before = [np.zeros((n, *self._shapes[name]), np.float32) for name in _PAST] if state is None else state[0]
-            inputs |= dict(zip(_PAST, before, strict=True)) | {"begins": begins}
+            names = [name for name in (*_PAST, *_HIDDEN) if name in self._shapes]
+            before = [np.zeros((n, *self._shapes[name]), np.float32) for name in names] if state is None else state[0]
+            inputs |= dict(zip(names, before, strict=True)) | {"begins": begins}
         actions, *after = self._session.run(None, inputs)
         return actions, (after, of_features)
 
