@@ -58,6 +58,10 @@ Out = Annotated[
 Seeds = Annotated[
     str | None, typer.Option(help="training seeds, such as 0,1,2,3,4", show_default="those of the config")
 ]
+Jobs = Annotated[
+    int | None,
+    typer.Option(min=1, help="agents that are trained at once, each in a process", show_default="one for each core"),
+]
 Json = Annotated[bool, typer.Option("--json", help="as JSON, for machines; all else goes to standard error")]
 Fresh = Annotated[bool, typer.Option("--fresh", help="train anew even where an agent or a checkpoint is there")]
 Design = Annotated[
@@ -218,6 +222,13 @@ class ExperimentOptions:
     out: Out = None
     seeds: Seeds = None
     fresh: Fresh = False
+    jobs: Jobs = None
+
+    @property
+    def processes(self) -> int:
+        """How many agents are trained at once."""
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return self.jobs or cores
 
     def chosen(self, options: EnvironmentOptions, **changes: Any) -> tuple[Experiment, Path]:
         """The experiment, and the folder of its results.

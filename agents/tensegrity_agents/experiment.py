@@ -6,6 +6,7 @@ as arguments; what they write goes into the folder that is given.
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ from tensegrity_agents.reporting.compare_report import write_comparison
 from tensegrity_agents.reporting.table import Row
 from tensegrity_agents.reporting.transfer_table import transfer_to_markdown
 from tensegrity_agents.sb3.policy_file import TrainedPolicy, load_policy
+from tensegrity_agents.sb3.side_by_side import train_side_by_side
 from tensegrity_agents.sb3.training import CURVE, EVALUATIONS, read_curve, train, with_later_settings
 from tensegrity_envs.seeding import TEST_SEED, VALIDATION_SEED
 
@@ -40,7 +42,7 @@ def agent_name(experiment: Experiment) -> str:
 
 
 def train_agents(
-    experiment: Experiment, folder: Path, progress: Progress, fresh: bool = False
+    experiment: Experiment, folder: Path, progress: Progress, fresh: bool = False, jobs: int = 1
 ) -> dict[int, TrainedPolicy]:
     """One agent for every seed, in folder/agent-<seed>; those already there are loaded, those begun are gone on with.
 
@@ -49,22 +51,22 @@ def train_agents(
         folder: of the results.
         progress: called while training.
         fresh: train anew whatever is there.
+        jobs: how many are trained at once, each in a process of its own; environments of your own, one after another.
     """
-    agents = {}
-    for seed in experiment.seeds:
-        home = folder / f"agent-{seed}"
+    homes = {seed: folder / f"agent-{seed}" for seed in experiment.seeds}
+    for home in homes.values():
         if fresh and home.exists():
             shutil.rmtree(home)
-        finished = _finished(home, experiment)
-        if finished is None:
-            what = f"training agent (seed {seed})"
 
-            def report(done: int, total: int, success: float, what: str = what) -> None:
-                progress(what, done, total, f"success {success:4.0%}")
+    def report(seed: int, done: int, total: int, success: float) -> None:
+        progress(f"training agent (seed {seed})", done, total, f"success {success:4.0%}")
 
-            finished = train(experiment, seed, home, report)
-        agents[seed] = finished
-    return agents
+    agents = {seed: _finished(home, experiment) for seed, home in homes.items()}
+    todo = {seed: homes[seed] for seed, agent in agents.items() if agent is None}
+    if jobs > 1 and len(todo) > 1 and experiment.env.startswith("tensegrity/"):
+        train_side_by_side(experiment, todo, jobs, report)
+        return {seed: agents[seed] or load_policy(home, experiment.env) for seed, home in homes.items()}
+    return {seed: agents[seed] or train(experiment, seed, home, partial(report, seed)) for seed, home in homes.items()}
 
 
 def _finished(home: Path, experiment: Experiment) -> TrainedPolicy | None:
@@ -95,7 +97,7 @@ class Reported(NamedTuple):
     rows: list[Row]
 
 
-def compare(experiment: Experiment, folder: Path, progress: Progress, fresh: bool = False) -> Reported:
+def compare(experiment: Experiment, folder: Path, progress: Progress, fresh: bool = False, jobs: int = 1) -> Reported:
     """Train (or load) the agents, evaluate them and the controllers on the test episodes, write everything down.
 
     Args:
@@ -103,17 +105,20 @@ def compare(experiment: Experiment, folder: Path, progress: Progress, fresh: boo
         folder: of the results; is created. Gets episodes.csv, config.yaml, summary.md, figures, the film, report.html.
         progress: called while it works.
         fresh: train anew even where trained agents are there.
+        jobs: how many agents are trained at once.
     """
-    comparison = evaluate_all(experiment, folder, progress, fresh)
+    comparison = evaluate_all(experiment, folder, progress, fresh, jobs)
     report, rows = write_comparison(experiment, comparison, folder, progress)
     return Reported(comparison, report, rows)
 
 
-def evaluate_all(experiment: Experiment, folder: Path, progress: Progress, fresh: bool = False) -> Comparison:
+def evaluate_all(
+    experiment: Experiment, folder: Path, progress: Progress, fresh: bool = False, jobs: int = 1
+) -> Comparison:
     """What `compare` does before it draws and reports."""
     # A controller that does not load should not cost a training first.
     baselines = {name: make_controller(name, experiment.env, experiment.options) for name in experiment.compared}
-    agents = train_agents(experiment, folder, progress, fresh)
+    agents = train_agents(experiment, folder, progress, fresh, jobs)
     (folder / "config.yaml").write_text(yaml.safe_dump(experiment.model_dump(mode="json"), sort_keys=False))
     runs = []
     name = agent_name(experiment)

@@ -47,7 +47,7 @@ def main(
         experiment, folder = chosen.chosen(options, episodes=episodes, more_controllers=controller)
         say(f"{experiment.env}: {len(experiment.seeds)} agent(s), {experiment.episodes} test episodes -> {folder}/")
         with progress_bar() as progress:
-            found = compare(experiment, folder, progress, chosen.fresh)
+            found = compare(experiment, folder, progress, chosen.fresh, chosen.processes)
         if json:
             tell_json(found.rows)
         print_table(found.rows, console)

@@ -23,7 +23,7 @@ def main(chosen: ExperimentOptions, options: EnvironmentOptions) -> None:
     with clear_errors(GO_ON):
         experiment, folder = chosen.chosen(options)
         with progress_bar() as progress:
-            agents = train_agents(experiment, folder, progress, chosen.fresh)
+            agents = train_agents(experiment, folder, progress, chosen.fresh, chosen.processes)
         for seed, agent in agents.items():
             say(
                 f"seed {seed}: {agent.description['timesteps']:,} steps "
