@@ -76,13 +76,17 @@ def ends(
         index: of those that ended, followed by how many they are in the last place; of n + 1.
     """
     n, limit, count = len(reward), rows[2], 0
+    for j in range(n):  # one array after another, several environments in an instruction
+        steps[j] = 0 if skipped[j] else steps[j] + 1
     for j in range(n):
-        begun = skipped[j]
-        steps[j] = 0 if begun else steps[j] + 1
-        reward[j] = 0.0 if begun else outcomes[rows[0], j]
+        reward[j] = 0.0 if skipped[j] else outcomes[rows[0], j]
+    for j in range(n):
         flags[0, j] = outcomes[rows[1], j] != 0.0
-        flags[1, j] = limit >= 0 and not begun and steps[j] + ahead_of_time[j] >= limit
+    for j in range(n):
+        flags[1, j] = limit >= 0 and not skipped[j] and steps[j] + ahead_of_time[j] >= limit
+    for j in range(n):
         ended[j] = flags[0, j] or flags[1, j]
+    for j in range(n):
         index[count] = j
         count += int(ended[j])
     index[n] = count
@@ -127,23 +131,24 @@ def tell(
     rows: Integers,
     outcomes: Rows,
     steps: Integers,
+    ahead_of_time: Integers,
     floats: Matrix,
     truths: BooleanTable,
     ints: IntegerTable,
-    masks: BooleanTable,
 ) -> None:
     """Entries of `info`, of all environments.
 
     Args:
-        rows: of the outcomes with the floats, the truths and the integers.
+        rows: of the outcomes with the floats, the truths and the integers; the time limit.
         outcomes: a column for each environment.
-        steps: since the episodes began: the last one of `ints`.
-        floats: to be filled, as are the next three.
+        steps: since the episodes began, behind the integers in `ints`.
+        ahead_of_time: by how many steps their time limits come earlier; these limits come last, if `ints` has a row
+            for them.
+        floats: to be filled, as are the next two.
         truths: the same.
         ints: the same.
-        masks: all of them True.
     """
-    n, place = len(steps), 0
+    n, place, last = len(steps), 0, len(rows) - 1
     for i in range(floats.shape[0]):
         for j in range(n):
             floats[i, j] = outcomes[rows[place], j]
@@ -152,15 +157,16 @@ def tell(
         for j in range(n):
             truths[i, j] = outcomes[rows[place], j] != 0.0
         place += 1
-    for i in range(ints.shape[0] - 1):
+    counted = last - place
+    for i in range(counted):
         for j in range(n):
             ints[i, j] = int(outcomes[rows[place], j])
         place += 1
     for j in range(n):
-        ints[ints.shape[0] - 1, j] = steps[j]
-    for i in range(masks.shape[0]):
+        ints[counted, j] = steps[j]
+    if ints.shape[0] > counted + 1:
         for j in range(n):
-            masks[i, j] = True
+            ints[counted + 1, j] = rows[last] - ahead_of_time[j]
 
 
 @Compiled
@@ -168,13 +174,15 @@ def tell_some(
     rows: Integers,
     outcomes: Rows,
     steps: Integers,
+    ahead_of_time: Integers,
     index: Integers,
     floats: Matrix,
     truths: BooleanTable,
     ints: IntegerTable,
-    masks: BooleanTable,
+    mask: Booleans,
 ) -> None:
-    """The same of the environments at `index`; all other columns stay as they are."""
+    """The same of the environments at `index`, whose mask becomes True; all other columns stay as they are."""
+    last = len(rows) - 1
     for k in range(len(index)):
         j, place = index[k], 0
         for i in range(floats.shape[0]):
@@ -183,12 +191,14 @@ def tell_some(
         for i in range(truths.shape[0]):
             truths[i, j] = outcomes[rows[place], j] != 0.0
             place += 1
-        for i in range(ints.shape[0] - 1):
+        counted = last - place
+        for i in range(counted):
             ints[i, j] = int(outcomes[rows[place], j])
             place += 1
-        ints[ints.shape[0] - 1, j] = steps[j]
-        for i in range(masks.shape[0]):
-            masks[i, j] = True
+        ints[counted, j] = steps[j]
+        if ints.shape[0] > counted + 1:
+            ints[counted + 1, j] = rows[last] - ahead_of_time[j]
+        mask[j] = True
 
 
 @Compiled

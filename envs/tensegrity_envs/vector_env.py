@@ -38,7 +38,8 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
       and info of the one that ended are in info["final_obs"] and info["final_info"] (see `step_info`).
     - "Disabled": environments whose episode has ended must be reset with options={"reset_mask": ...}.
 
-    Nothing that is handed out is the environment's own memory.
+    Nothing that is handed out is the environment's own memory. The masks of an info are one array, which cannot be
+    written to.
 
     Args:
         arm: the name of their core in `environments.ARMS`, such as "TwoXReach", or a `Core` class of your own, itself
@@ -234,8 +235,9 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         ended, index = self._ended, self._index[:count].copy()
         final = np.empty(self.num_envs, object)  # None
         last = self._observation(self._outcomes, index)
-        each = zip(last["observation"], last["achieved_goal"], last["desired_goal"], strict=True)
-        final[index] = [{"observation": seen, "achieved_goal": at, "desired_goal": to} for seen, at, to in each]
+        each = zip(index.tolist(), last["observation"], last["achieved_goal"], last["desired_goal"], strict=True)
+        for i, seen, at, to in each:
+            final[i] = {"observation": seen, "achieved_goal": at, "desired_goal": to}
         final_info = self._info(self._outcomes, index)
         self._begin(index)
         self._ended, self._some_ended = np.zeros(self.num_envs, bool), False
@@ -293,13 +295,10 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         """The info of some outcomes, of all environments or of those at `index`; zero for all others."""
         if self._wanted == "none":
             return {}
-        if self._table is None:
-            self._table = InfoTable(self._entries(), self.num_envs)
-        limits = None
-        if self._is_staggered:
-            assert self.max_episode_steps is not None
-            limits = self.max_episode_steps - self._ahead_of_time
-        return self._table.told(outcomes, self._steps, index, limits)
+        limit = self.max_episode_steps if self._is_staggered else None
+        if self._table is None or self._table.limit != limit:
+            self._table = InfoTable(self._entries(), self.num_envs, limit)
+        return self._table.told(outcomes, self._steps, self._ahead_of_time, index)
 
     def _entries(self) -> list[InfoEntry]:
         """Those of `info` that are wanted."""

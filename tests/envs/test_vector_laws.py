@@ -1,6 +1,8 @@
 """Laws of the native vector environments: they equal Gymnasium's own vectors of the single ones, in every mode."""
 
+import copy
 import json
+import pickle
 
 import gymnasium as gym
 import numpy as np
@@ -122,7 +124,7 @@ def test_an_ignored_action_may_be_anything():
 
 @some_ids
 def test_nothing_handed_out_is_the_environments_own_memory(env_id):
-    """What a user writes into observations, infos and masks changes nothing that comes later."""
+    """What a user writes into observations and infos changes nothing that comes later; masks cannot be written to."""
     tidy, messy = make_vec(env_id, autoreset_mode="SameStep"), make_vec(env_id, autoreset_mode="SameStep")
     actions = np.random.default_rng(0).uniform(-1, 1, (30, *tidy.action_space.shape))
     results = [tidy.reset(seed=0), *(tidy.step(action) for action in actions), tidy.reset()]
@@ -134,7 +136,7 @@ def test_nothing_handed_out_is_the_environments_own_memory(env_id):
         elif isinstance(told, tuple):
             for value in told:
                 spoil(value)
-        elif isinstance(told, np.ndarray) and told.dtype != object:
+        elif isinstance(told, np.ndarray) and told.dtype != object and told.flags.writeable:
             told[...] = 0
 
     for step, expected in enumerate(results):
@@ -143,6 +145,21 @@ def test_nothing_handed_out_is_the_environments_own_memory(env_id):
             assert_same(mine, other, f"step {step}")
         spoil(got)
         spoil(messy.unwrapped.episode.goal)
+
+
+@pytest.mark.parametrize("copied", [lambda envs: envs, copy.deepcopy, lambda envs: pickle.loads(pickle.dumps(envs))])
+def test_only_masks_cannot_be_written_to(copied):
+    envs = make_vec(IDS[0], autoreset_mode="SameStep", max_episode_steps=2)
+    envs.reset(seed=0, options={"stagger": True})
+    envs.step(np.zeros(envs.action_space.shape))
+    for _ in range(2):
+        info = (envs := copied(envs)).step(np.zeros(envs.action_space.shape))[4]
+        assert "_time_limit" in info["final_info"]
+        for told in (info, info["final_info"]):
+            for name, value in told.items():
+                if isinstance(value, np.ndarray):
+                    is_mask = name.startswith("_") and not name.startswith("_final")
+                    assert value.flags.writeable is not is_mask, name
 
 
 def test_any_number_of_threads_gives_the_same_to_the_last_bit():
