@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, namespace_of, to_single
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace, namespace_of, to_single
 
 RUNNING, UNSTABLE, WRENCH_INFEASIBLE, BUCKLED, JOINT_LIMIT, OFF_TARGET, SINGULAR = range(7)
 DIVERGED, FLIPPED, SLACK = range(7, 10)
@@ -110,11 +110,7 @@ class Episode(NamedTuple):
         """The goal after so many steps [m], as float32 numbers."""
         if not self.motion:
             return self.goal
-        xp = namespace_of(time, *self.goal)
-        waves: list[Component] = []
-        for k in range(1, len(self.motion[0]) // 2 + 1):
-            angle = 2 * math.pi * k * time / self.cycle
-            waves += [xp.cos(angle), xp.sin(angle)]
+        waves = waves_at(namespace_of(time, *self.goal), time, self.cycle, len(self.motion[0]) // 2)
         moved = []
         for mean, amplitudes in zip(self.goal, self.motion, strict=True):
             goal = mean
@@ -122,6 +118,15 @@ class Episode(NamedTuple):
                 goal = goal + wave * amplitude
             moved.append(to_single(goal))
         return tuple(moved)
+
+
+def waves_at(xp: Namespace, time: Component, cycle: int, harmonics: int) -> list[Component]:
+    """Cosine 1, sine 1, cosine 2, ... after so many steps: what `Episode.motion` has the amplitudes of."""
+    waves: list[Component] = []
+    for k in range(1, harmonics + 1):
+        angle = 2 * math.pi * k * time / cycle
+        waves += [xp.cos(angle), xp.sin(angle)]
+    return waves
 
 
 class Simulation(Protocol):

@@ -1,16 +1,19 @@
 """Closed curves that a spatial prism can follow within its rates, its stroke and its loads."""
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tensegrity_envs.compiler.kernel import evaluate
-from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.compiler.namespace import Component, Components, to_single
 from tensegrity_envs.mechanics.checks import checked_range
+from tensegrity_envs.mechanics.polynomials import product
 from tensegrity_envs.mechanics.spatial_prism import TRAJECTORIES, SpatialPrism, SpatialPrismDesign
+from tensegrity_envs.mechanics.spatial_prism.vectors import norm
 from tensegrity_envs.seeding import EpisodeStream, until_found
 from tensegrity_envs.simulation.lengths import LengthControl
-from tensegrity_envs.simulation.protocol import Episode
+from tensegrity_envs.simulation.protocol import waves_at
 
 HARMONICS = 2
 GRAVITY = 9.81  # [m/s^2]
@@ -30,10 +33,6 @@ class Curve(NamedTuple):
 
     mean: Components
     motion: tuple[Components, ...]
-
-    def at(self, cycle: int, time: Component) -> Components:
-        """Position after so many steps [m]."""
-        return Episode(None, (), (), self.mean, motion=self.motion, cycle=cycle).goal_at(time)
 
 
 class Start(NamedTuple):
@@ -139,41 +138,70 @@ class Sampler:
 
     def _can_some_be_followed(self, table: np.ndarray, payload: np.ndarray) -> np.ndarray:
         """The same of so few that the points of their curves stay in the processor's cache."""
-        curve = _curve(table[..., None, :])
-        points = curve.at(self.cycle, np.arange(self.cycle)[:, None])  # components of shape (steps, n)
-        squares = sum((np.concatenate([here[1:], here[:1]]) - here) ** 2 for here in points)
-        good: np.ndarray = (np.sqrt(squares) <= _SPEED * self.control.rate).all(axis=0)
-        good &= (points[2] >= _HEIGHT * self.control.lowest(self.prism)).all(axis=0)
-        index = np.flatnonzero(good)
-        good[index] = self._within_stroke(self.prism.unloaded_lengths(tuple(here[:, index] for here in points)))
+        n = len(payload)
+        rows = table.transpose(0, 2, 1).reshape(3 * n, -1)
+        points = tuple(to_single(product(rows, self._waves)).reshape(3, n, self.cycle))
+        following = tuple(np.roll(here, -1, axis=1) for here in points)
+        here, there = (tuple(part.ravel() for part in parts) for parts in (points, following))
+        limits = _SPEED * self.control.rate, _HEIGHT * float(self.control.lowest(self.prism)), *self._stroke
+        passable = np.asarray(evaluate(_is_passable, self.prism.design, here, there, limits))
+        good: np.ndarray = np.logical_and.reduce(passable.reshape(n, -1), axis=1)
         index = np.flatnonzero(good & (payload > 0))
         if len(index):
-            looks = tuple(here[:: max(self.cycle // _LOOKS, 1), index] for here in points)
-            weight = np.broadcast_to(GRAVITY * payload[index], looks[0].shape)
-            flat = tuple(here.ravel() for here in looks)
-            lengths, stability, wrench, left = evaluate(_held, self.prism.design, flat, weight.ravel())
-            fine = (stability >= _MIN_MARGIN) & (wrench >= _MIN_MARGIN)
-            fine &= left <= 1e-6 * self.prism.rotational_stiffness
-            fine = fine.reshape(weight.shape).all(axis=0)
-            fine &= self._within_stroke(tuple(l.reshape(weight.shape) for l in lengths))
-            good[index[~fine]] = False
-        return np.asarray(good)
+            looks = tuple(place[index, :: max(self.cycle // _LOOKS, 1)] for place in points)
+            weight = np.broadcast_to(GRAVITY * payload[index, None], looks[0].shape)
+            flat = tuple(place.ravel() for place in looks)
+            fine = np.asarray(evaluate(_is_held, self.prism.design, flat, weight.ravel(), self._stroke))
+            good[index[~fine.reshape(weight.shape).all(axis=1)]] = False
+        return good
 
-    def _within_stroke(self, lengths: Components) -> np.ndarray:
+    @cached_property
+    def _waves(self) -> np.ndarray:
+        """Of the mean and the harmonics, in all steps of a cycle, shape (1 + 2 harmonics, cycle)."""
+        return np.stack([np.ones(self.cycle), *waves_at(np, np.arange(self.cycle), self.cycle, HARMONICS)])
+
+    @cached_property
+    def _stroke(self) -> tuple[float, float]:
+        """Lengths of the struts that curves may need [m]."""
         low, high = self.control.bounds(self.prism)
         rim = (1 - _SHARE) / 2 * (high - low)
-        inside = [(length >= low + rim) & (length <= high - rim) for length in lengths]
-        return np.asarray(np.logical_and.reduce(inside).all(axis=0))
+        return float(low + rim), float(high - rim)
 
 
-def _held(
-    design: SpatialPrismDesign, position: Components, weight: Component
-) -> tuple[Components, Component, Component, Component]:
-    """Lengths that hold a weight at a position [m], stability and wrench margin there, and the moment left [N m]."""
+def _is_passable(
+    design: SpatialPrismDesign, here: Components, there: Components, limits: tuple[float, float, float, float]
+) -> Component:
+    """Whether an unloaded prism can be here, and a step later there [m].
+
+    Args:
+        design: of the prism.
+        here: position of the centroid.
+        there: likewise.
+        limits: of the way in a step, of the height, and of the struts' lengths, the shortest and the longest one.
+    """
+    farthest, lowest, shortest, longest = limits
+    way = tuple(b - a for a, b in zip(here, there, strict=True))
+    lengths = SpatialPrism(design).unloaded_lengths(here)
+    return (norm(way) <= farthest) & (here[2] >= lowest) & _is_within(lengths, (shortest, longest))
+
+
+def _is_within(lengths: Components, bounds: tuple[float, float]) -> Component:
+    inside: Component = True
+    for length in lengths:
+        inside = inside & (length >= bounds[0]) & (length <= bounds[1])
+    return inside
+
+
+def _is_held(
+    design: SpatialPrismDesign, position: Components, weight: Component, bounds: tuple[float, float]
+) -> Component:
+    """Whether lengths within bounds hold a weight [N] at a position [m], with room to spare."""
     prism = SpatialPrism(design)
     force = (0.0, 0.0, -weight)
     q, lengths, left = prism.held(position, force)
-    return lengths, prism.stability_margin(q, None, force), prism.wrench_margin(q, None, force), left
+    stability, wrench = prism.stability_margin(q, None, force), prism.wrench_margin(q, None, force)
+    fine = (stability >= _MIN_MARGIN) & (wrench >= _MIN_MARGIN) & (left <= 1e-6 * prism.rotational_stiffness)
+    return fine & _is_within(lengths, bounds)
 
 
 def _curve(table: np.ndarray) -> Curve:
