@@ -309,6 +309,7 @@ class Interface(ABC):
     def initial(self, episode: Episode, q: Components, inputs: Components | None) -> Outcome:
         """The outcome of the initial state. Traced."""
         state = self.simulation.start(self.mechanism(episode.design), episode, q, inputs)
+        state = self.with_clearance(episode, state, state)
         pending = ((0.0,) * self.simulation.action_size,) * self.randomization.longest_delay
         noise = (0.0,) * (len(state.tip) + len(q)) if self.randomization.is_noisy else ()
         return self.outcome(episode, state._replace(pending=pending, noise=noise))
@@ -318,7 +319,15 @@ class Interface(ABC):
         assert not isinstance(self.simulation, DynamicControl)
         action, state = self.delayed(episode, state, action)
         new = self.simulation.advance(self.mechanism(episode.design), episode, state, action)
+        new = self.with_clearance(episode, state, new)
         return self.outcome(episode, new._replace(pending=state.pending, noise=state.noise, record=state.record))
+
+    def with_clearance(self, episode: Episode, before: State, after: State) -> State:
+        """The state after a step with its clearance; where the arm has met an obstacle, the state before, failed.
+
+        Without obstacles, as here, it is the state after the step. Traced.
+        """
+        return after
 
     def delayed(self, episode: Episode, state: State, action: Components) -> tuple[Components, State]:
         """The action that is taken now, and the state in which the given one is pending."""

@@ -161,6 +161,18 @@ _NOMINAL = (
         150,
     ),
     Entry(
+        "tensegrity/ThreeXObstacleReach-v0",
+        "arm of three X-joints among three discs that differ from episode to episode, joint increments",
+        "NXObstacleReach",
+        {"control": "joint"},
+    ),
+    Entry(
+        "tensegrity/DualTriangleObstacleReach-v0",
+        "five dual-triangle segments among three discs that differ from episode to episode, control input increments",
+        "DualTriangleObstacleReach",
+        {"segments": 5},
+    ),
+    Entry(
         "tensegrity/TwoXFastReachMuJoCo-v0",
         "2-X manipulator, lightly damped, with friction and lagging cables: how soon the tip stays on target",
         "TwoXFastReach",

@@ -66,6 +66,7 @@ class Relabelling(Batch):
             wrench_margin=batch["wrench_margin"],
             failure=batch["failure"],
             time=batch["step"],
+            clearance=batch.get("clearance"),
         )
         state = self.with_achieved(state, tuple(achieved.T))
         return self.evaluate(self.episodes.pack(episode, n), self.states.pack(state, n)), single
@@ -98,6 +99,7 @@ class Relabelling(Batch):
         keys = ["configuration", "stability_margin", "wrench_margin", "failure", "step", *self.hidden_info_keys]
         keys += [self.input_name] if self.input_name else []
         keys += [f"random_{name}" for name in self.episodes.rows.random]
+        keys += ["clearance"] if self.states.rows.clearance is not None else []
         keys += ["true_goal"] if self.randomization.is_noisy else []
         return keys
 

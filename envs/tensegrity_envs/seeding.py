@@ -105,8 +105,7 @@ class EpisodeStream:
     def block(self, count: int) -> np.ndarray:
         """The next `count` numbers of every episode, uniform in [0, 1), shape (count, n)."""
         self._next += count
-        draws = np.arange(self._next - count, self._next)
-        return _numbers(self._keys[None], draws[:, None])
+        return _numbers(self._keys[None], self._next - count + np.arange(count)[:, None])
 
     def skip(self, draws: int) -> None:
         """Leave out the next numbers, which streams made by `at` have used."""

@@ -66,7 +66,7 @@ def test_targets_of_four_joints_can_be_reached_straight(routing):
 
 
 def test_a_straight_or_planned_path_leads_to_every_target_of_three_joints():
-    from tensegrity_agents.controllers.n_x.planning import connect
+    from tensegrity_agents.controllers.connecting import connect
 
     core = NXReach()
     sampled = core.sampler.sample(np.arange(1000), np.zeros(1000, int))

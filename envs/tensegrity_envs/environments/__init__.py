@@ -7,6 +7,7 @@ from tensegrity_envs.core import Core
 from tensegrity_envs.environments.dual_triangle import DualTrianglePush, DualTriangleReach
 from tensegrity_envs.environments.fast import DualTriangleFastReach, TwoXFastReach
 from tensegrity_envs.environments.n_x import NXReach
+from tensegrity_envs.environments.obstacles import DualTriangleObstacleReach, NXObstacleReach, TwoXObstacleReach
 from tensegrity_envs.environments.planar_four_bar import PlanarFourBarReach
 from tensegrity_envs.environments.spatial_prism import SpatialPrismTrack
 from tensegrity_envs.environments.stiffness import NXStiffnessReach, TwoXStiffnessReach
@@ -27,19 +28,25 @@ ARMS: dict[str, type[Core]] = {
         DualTriangleFastReach,
         TwoXStiffnessReach,
         NXStiffnessReach,
+        NXObstacleReach,
+        TwoXObstacleReach,
+        DualTriangleObstacleReach,
     )
 }
 
 __all__ = [
     "ARMS",
     "DualTriangleFastReach",
+    "DualTriangleObstacleReach",
     "DualTrianglePush",
     "DualTriangleReach",
+    "NXObstacleReach",
     "NXReach",
     "NXStiffnessReach",
     "PlanarFourBarReach",
     "SpatialPrismTrack",
     "TwoXFastReach",
+    "TwoXObstacleReach",
     "TwoXPostureChange",
     "TwoXReach",
     "TwoXStiffnessReach",

@@ -6,11 +6,14 @@ parts them where they overlap. Bodies are segments of no width; a disc has a rad
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
-Point = tuple[Any, Any]
+from tensegrity_envs.compiler.namespace import Component, namespace_of
+
+Point = tuple[Component, Component]
 Segment = tuple[Point, Point]
 
 
@@ -23,8 +26,8 @@ class Disc:
         radius: [m].
     """
 
-    centre: tuple[float, float]
-    radius: float
+    centre: Point
+    radius: Component
 
     def __post_init__(self) -> None:
         """Validate.
@@ -32,12 +35,17 @@ class Disc:
         Raises:
             ValueError: a number is not finite, or the radius is not positive.
         """
-        if len(self.centre) != 2 or not np.isfinite([*self.centre, self.radius]).all() or self.radius <= 0:
+        if len(self.centre) != 2 or not _are_finite(*self.centre, self.radius) or not np.all(self.radius > 0):
             raise ValueError(f"{self!r}: must have a centre (x, y) of finite numbers and a positive radius")
 
-    def clearance(self, segment: Segment) -> np.ndarray:
-        """Of a segment, or of many of them whose coordinates are arrays [m]."""
+    def clearance(self, segment: Segment) -> Component:
+        """Of a segment [m]."""
         return point_distance(self.centre, segment) - self.radius
+
+    def outline(self, far: float) -> list[Point]:
+        """Corners of what to draw of it [m]; `far` is what is out of the picture."""
+        angles = np.linspace(0, 2 * np.pi, _CORNERS, endpoint=False)
+        return [(self.centre[0] + self.radius * np.cos(t), self.centre[1] + self.radius * np.sin(t)) for t in angles]
 
 
 @dataclass(frozen=True)
@@ -66,26 +74,31 @@ class Polygon:
         if not (turns > 0).all() or abs(angles.sum() - 2 * np.pi) > 1e-6:
             raise ValueError(f"{self!r}: corners must be those of a convex polygon, counter-clockwise")
 
-    def clearance(self, segment: Segment) -> np.ndarray:
-        """Of a segment, or of many of them whose coordinates are arrays [m].
+    def clearance(self, segment: Segment) -> Component:
+        """Of a segment [m].
 
         Where they overlap, the shortest displacement is along a normal of an edge or of the segment (the normals of
         the edges of the Minkowski difference).
         """
-        edges = list(zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True))
-        apart = np.minimum.reduce([segment_distance(edge, segment) for edge in edges])
         (ax, ay), (bx, by) = segment
+        xp = namespace_of(ax, ay, bx, by)
+        edges = list(zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True))
+        apart = reduce(xp.minimum, [segment_distance(edge, segment) for edge in edges])
         normals: list[Point] = [(q[1] - p[1], p[0] - q[0]) for p, q in edges]
         across = (by - ay, ax - bx)
         normals += [across, (-across[0], -across[1])]
         gaps = []
         for nx, ny in normals:
-            size = np.hypot(nx, ny)
-            extent = np.maximum.reduce([np.asarray(nx * x + ny * y) for x, y in self.corners])
-            gap = np.minimum(nx * ax + ny * ay, nx * bx + ny * by) - extent
-            gaps.append(np.where(size > 0, gap / np.where(size > 0, size, 1.0), -np.inf))
-        gap = np.maximum.reduce(gaps)
-        return np.asarray(np.where(gap < 0, gap, apart))
+            extent = reduce(xp.maximum, [nx * x + ny * y for x, y in self.corners])
+            gap = xp.minimum(nx * ax + ny * ay, nx * bx + ny * by) - extent
+            square = nx * nx + ny * ny
+            gaps.append(xp.where(square > 0, gap / xp.sqrt(xp.where(square > 0, square, 1.0)), _FAR_INSIDE))
+        gap = reduce(xp.maximum, gaps)
+        return xp.where(gap < 0, gap, apart)
+
+    def outline(self, far: float) -> list[Point]:
+        """See `Disc.outline`."""
+        return list(self.corners)
 
 
 @dataclass(frozen=True)
@@ -110,51 +123,68 @@ class Wall:
         if len(numbers) != 4 or not np.isfinite(numbers).all() or not any(self.normal):
             raise ValueError(f"{self!r}: point and normal must be (x, y) of finite numbers, the normal not zero")
 
-    def clearance(self, segment: Segment) -> np.ndarray:
-        """Of a segment, or of many of them whose coordinates are arrays [m]."""
-        size = np.hypot(*self.normal)
-        nx, ny = self.normal[0] / size, self.normal[1] / size
-        ends = [nx * (x - self.point[0]) + ny * (y - self.point[1]) for x, y in segment]
-        return np.asarray(np.minimum(*ends))
+    def clearance(self, segment: Segment) -> Component:
+        """Of a segment [m]."""
+        (ax, ay), (bx, by) = segment
+        nx, ny = self.normal
+        size = (nx * nx + ny * ny) ** 0.5
+        first, second = ((nx * (x - self.point[0]) + ny * (y - self.point[1])) / size for x, y in ((ax, ay), (bx, by)))
+        return namespace_of(first, second).minimum(first, second)
+
+    def outline(self, far: float) -> list[Point]:
+        """See `Disc.outline`."""
+        x, y, size = *self.point, np.hypot(*self.normal)
+        nx, ny = far * self.normal[0] / size, far * self.normal[1] / size
+        return [(x - ny, y + nx), (x + ny, y - nx), (x + ny - nx, y - nx - ny), (x - ny - nx, y + nx - ny)]
 
 
 Obstacle = Disc | Polygon | Wall
 
+_CORNERS = 72  # of a disc's outline
+_FAR_INSIDE = -1e300  # [m]: what a bar of no length says of a normal that it does not have
 
-def point_distance(point: Point, segment: Segment) -> np.ndarray:
+
+def _are_finite(*numbers: Component) -> bool:
+    return all(bool(np.isfinite(number).all()) for number in numbers)
+
+
+def point_distance(point: Point, segment: Segment) -> Component:
     """Distance of a point from a segment [m]."""
     (ax, ay), (bx, by) = segment
     dx, dy, px, py = bx - ax, by - ay, point[0] - ax, point[1] - ay
-    square = np.asarray(dx * dx + dy * dy)
-    share = np.clip((px * dx + py * dy) / np.where(square > 0, square, 1.0), 0.0, 1.0)
-    return np.asarray(np.hypot(px - share * dx, py - share * dy))
+    xp = namespace_of(dx, dy, px, py)
+    square = dx * dx + dy * dy
+    share = (px * dx + py * dy) / xp.where(square > 0, square, 1.0)
+    share = xp.minimum(xp.maximum(share, 0.0), 1.0)
+    return xp.hypot(px - share * dx, py - share * dy)
 
 
-def segment_distance(first: Segment, second: Segment) -> np.ndarray:
+def segment_distance(first: Segment, second: Segment) -> Component:
     """Distance of two segments [m]; 0 where they cross."""
     (a, b), (c, d) = first, second
     ends = [point_distance(a, second), point_distance(b, second), point_distance(c, first), point_distance(d, first)]
-    sides = [_side(a, b, c) * _side(a, b, d), _side(c, d, a) * _side(c, d, b)]
-    return np.asarray(np.where((sides[0] < 0) & (sides[1] < 0), 0.0, np.minimum.reduce(ends)))
+    xp = namespace_of(*ends)
+    crossed = (_side(a, b, c) * _side(a, b, d) < 0) & (_side(c, d, a) * _side(c, d, b) < 0)
+    return xp.where(crossed, 0.0, reduce(xp.minimum, ends))
 
 
-def _side(a: Point, b: Point, point: Point) -> np.ndarray:
+def _side(a: Point, b: Point, point: Point) -> Component:
     """On which side of the line from a to b a point is: the sign of twice the triangle's area."""
-    return np.asarray((b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0]))
+    return (b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0])
 
 
-def bars_of(mechanism: Any, q: Sequence[Any], inputs: Any = None) -> dict[str, Segment]:
+def bars_of(mechanism: Any, q: Sequence[Component], inputs: Any = None) -> dict[str, Segment]:
     """The bars of a planar mechanism in a configuration, by name: those of its members that keep their length."""
     nodes = mechanism.nodes(q) if inputs is None else mechanism.nodes(q, inputs)
     return {m.name: (nodes[m.nodes[0]], nodes[m.nodes[1]]) for m in mechanism.members if m.kind == "bar"}
 
 
-def clearance(mechanism: Any, q: Sequence[Any], obstacles: Sequence[Obstacle], inputs: Any = None) -> np.ndarray:
-    """The least signed clearance of any bar from any obstacle [m], of the shape of q's components.
+def clearance(mechanism: Any, q: Sequence[Component], obstacles: Sequence[Obstacle], inputs: Any = None) -> Component:
+    """The least signed clearance of any bar from any obstacle [m]; component code.
 
     Args:
         mechanism: planar, with `nodes` and `members`.
-        q: configuration, components of floats or arrays.
+        q: configuration, components.
         obstacles: at least one.
         inputs: where `nodes` needs them.
 
@@ -164,6 +194,5 @@ def clearance(mechanism: Any, q: Sequence[Any], obstacles: Sequence[Obstacle], i
     if not obstacles:
         raise ValueError("obstacles: must be one or more")
     bars = bars_of(mechanism, q, inputs).values()
-    return np.asarray(
-        np.minimum.reduce([np.asarray(obstacle.clearance(bar)) for obstacle in obstacles for bar in bars])
-    )
+    gaps = [obstacle.clearance(bar) for obstacle in obstacles for bar in bars]
+    return reduce(namespace_of(*gaps).minimum, gaps)

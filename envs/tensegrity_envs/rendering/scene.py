@@ -39,6 +39,7 @@ class Scene:
         faces: polygons: corners [m], colour and opacity; opaque ones are painted below the members, others above. With
             faces, members are drawn in their order, the ones behind first.
         centre: what is in the middle of the picture [m].
+        obstacles: polygons that the mechanism must not touch: corners [m].
         ghost: the nodes of the posture that is to be reached [m]; its bars are drawn faintly.
     """
 
@@ -61,6 +62,7 @@ class Scene:
     faces: Sequence[tuple[Sequence[Point], Colour, float]] = ()
     centre: Point = (0.0, 0.0)
     ghost: Mapping[str, Point] | None = None
+    obstacles: Sequence[Sequence[Point]] = ()
 
 
 @dataclass(frozen=True)

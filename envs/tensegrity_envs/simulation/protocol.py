@@ -8,7 +8,7 @@ import numpy as np
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace, namespace_of, to_single
 
 RUNNING, UNSTABLE, WRENCH_INFEASIBLE, BUCKLED, JOINT_LIMIT, OFF_TARGET, SINGULAR = range(7)
-DIVERGED, FLIPPED, SLACK = range(7, 10)
+DIVERGED, FLIPPED, SLACK, COLLISION = range(7, 11)
 # Why an episode was terminated; `State.failure` indexes it.
 FAILURES = (
     "",
@@ -21,6 +21,7 @@ FAILURES = (
     "simulation diverged",
     "assembly flipped",
     "cable slack",
+    "collision",
 )
 
 
@@ -54,6 +55,8 @@ class State(NamedTuple):
         physics: from which a dynamic simulation goes on; none in the quasi-static ones.
         pending: actions that have been given and not yet been taken, the newest first; none without a delay.
         noise: of the sensors, in standard deviations; none without noise.
+        clearance: the least from any obstacle in the last step [m]; on a collision, that of what could not be reached.
+            None without obstacles.
     """
 
     configuration: Components
@@ -68,6 +71,7 @@ class State(NamedTuple):
     physics: Components = ()
     pending: tuple[Components, ...] = ()
     noise: Components = ()
+    clearance: Component = None
 
 
 class Episode(NamedTuple):
@@ -85,6 +89,7 @@ class Episode(NamedTuple):
         motion: of a moving goal, the amplitudes of its harmonics [m], for every axis (cosine 1, sine 1, cosine 2, ...);
             none for a goal at rest.
         cycle: steps in which a moving goal comes round.
+        obstacles: what the arm must not touch; see `geometry.clearance`.
     """
 
     design: Any
@@ -96,6 +101,7 @@ class Episode(NamedTuple):
     onset: Component = None
     motion: tuple[Components, ...] = ()
     cycle: int = 1
+    obstacles: tuple[Any, ...] = ()
 
     def load_at(self, time: Component) -> Components:
         """The load after so many steps [N]."""

@@ -68,6 +68,17 @@ class ReachWeights(Weights):
 
 
 @dataclass(frozen=True)
+class ObstacleReachWeights(ReachWeights):
+    """Weights of the dense reward of reaching among obstacles: those of `ReachWeights`, and one more.
+
+    Attributes:
+        clearance: rises with the clearance from the obstacles, up to 1 at the safe clearance.
+    """
+
+    clearance: float = 0.1
+
+
+@dataclass(frozen=True)
 class HoldWeights(Weights):
     """Weights of the dense reward of holding.
 

@@ -17,7 +17,7 @@ from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
 from tensegrity_envs.observation import DecodedObservation
 
 _TABLE = 400  # postures that the pseudo-inverse may start from anew
-_STEPS = 100  # planned ahead; afterwards the last inputs are held
+STEPS = 100  # planned ahead; afterwards the last inputs are held
 
 
 class Memory(NamedTuple):
@@ -97,7 +97,7 @@ class ReachController(AnalyticController[Memory]):
 
     def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         rows = np.arange(len(memory.step))
-        wanted = memory.plan[rows, np.minimum(memory.step, _STEPS - 1)]
+        wanted = memory.plan[rows, np.minimum(memory.step, STEPS - 1)]
         return (wanted - observed.inputs) / self.rate, memory._replace(step=memory.step + 1)
 
 
@@ -115,7 +115,7 @@ class ClosedForm(ReachController):
         goal = np.clip(np.stack(self.nominal.control(found.configuration), axis=1), -self.bound, self.bound)
         change = goal - observed.inputs
         steps = np.maximum(np.abs(change).max(axis=1) / self.rate, 1.0)
-        share = np.minimum(np.arange(1, _STEPS + 1) / steps[:, None], 1.0)
+        share = np.minimum(np.arange(1, STEPS + 1) / steps[:, None], 1.0)
         return np.asarray(observed.inputs[:, None] + share[..., None] * change[:, None])
 
 
@@ -165,13 +165,13 @@ class PseudoInverse(ReachController):
     apart = 0.6  # so different the next posture is, in one joint at least [rad]
 
     def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
-        return np.zeros((len(start), _STEPS, start.shape[1]))
+        return np.zeros((len(start), STEPS, start.shape[1]))
 
     def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         q, limit = memory.commanded, self.joint_limit
         error = observed.target - observed.tip
         memory = self._watch(observed, np.hypot(*error.T), memory)
-        step = self._resolved_rate(q, self.gain * error)
+        step = self.joint_step(observed, q, self.gain * error)
         goal = np.clip(np.where(memory.crossing[:, None], memory.restart_at, q + step), -limit, limit)
         turn = goal - q
         turn = turn * np.minimum(1.0, self.largest_turn / np.maximum(np.abs(turn).max(axis=1, keepdims=True), 1e-12))
@@ -179,6 +179,10 @@ class PseudoInverse(ReachController):
         share = 1.0 / np.maximum(np.abs(change).max(axis=1, keepdims=True) / self.rate, 1.0)
         commanded = q + share * turn
         return share * change / self.rate, memory._replace(commanded=commanded, step=memory.step + 1)
+
+    def joint_step(self, observed: DecodedObservation, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Joint steps from configurations (n, segments) [rad] for wanted tip steps (n, 2) [m]."""
+        return self._resolved_rate(q, wanted)
 
     def _resolved_rate(self, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """Joint steps (n, segments) [rad] for wanted tip steps (n, 2) [m]."""
@@ -241,7 +245,7 @@ class Observer(ReachController):
         return self._scheduled(paths, load)
 
     def _scheduled(self, paths: list[np.ndarray], load: np.ndarray) -> np.ndarray:
-        plans = [schedule(self.nominal, p, f, self.rate, _STEPS) for p, f in zip(paths, load, strict=True)]
+        plans = [schedule(self.nominal, p, f, self.rate, STEPS) for p, f in zip(paths, load, strict=True)]
         return np.asarray(np.clip(np.stack(plans), -self.bound, self.bound))
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 
 from tensegrity_agents.controllers import two_x
-from tensegrity_agents.controllers.n_x.planning import choose_posture, connect
+from tensegrity_agents.controllers.connecting import connect
+from tensegrity_agents.controllers.n_x.planning import choose_posture
 from tensegrity_agents.controllers.n_x.reading import configuration_of, estimate_payload
 from tensegrity_agents.controllers.two_x.planning import margin
 from tensegrity_agents.controllers.two_x.reading import Estimate
@@ -30,7 +31,7 @@ class NXArm:
         return choose_posture(model, start, target, self.clearance)
 
     def around(self, model: NX, start: np.ndarray, target: np.ndarray) -> list[np.ndarray]:
-        """A path by a sampling planner; see `planning.connect`."""
+        """A path by a sampling planner; see `connecting.connect`."""
         _, ends = postures_at(model, target[:1], target[1:])
         ends = ends[:, np.flatnonzero(margin(model, ends) > _LEAST)]
 
@@ -40,13 +41,16 @@ class NXArm:
         return connect(is_free, start, ends.T, float(model.design.joint_limit))
 
     def resolved_rate(self, q: np.ndarray, wanted: np.ndarray, damping: float) -> np.ndarray:
-        """Joint steps (n, joints) [rad] for wanted tip steps (n, 2) [m], with the null space led towards upright.
+        """Joint steps (n, joints) [rad] for wanted tip steps (n, 2) [m], with the null space led towards upright."""
+        return self.in_null_space(q, wanted, -self.centring * q, damping)
 
-        With J+ = J^T (J J^T + d^2 I)^-1, the steps are J+ wanted - c (I - J+ J) q.
+    def in_null_space(self, q: np.ndarray, wanted: np.ndarray, rest: np.ndarray, damping: float) -> np.ndarray:
+        """Joint steps (n, joints) [rad] for wanted tip steps (n, 2) [m], with others in the null space.
+
+        With J+ = J^T (J J^T + d^2 I)^-1, the steps are J+ wanted + (I - J+ J) rest.
         """
         jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
         across = jacobian @ jacobian.transpose(0, 2, 1) + damping**2 * np.eye(2)
-        rest = -self.centring * q
         more = wanted - (jacobian @ rest[..., None])[..., 0]
         step = jacobian.transpose(0, 2, 1) @ np.linalg.solve(across, more[..., None])
         return np.asarray(step[..., 0] + rest)

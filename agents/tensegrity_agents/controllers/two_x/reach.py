@@ -145,6 +145,10 @@ class PseudoInverse(ReachController):
     def _paths(self, model: Any, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
         return [point[None] for point in start]  # it follows none
 
+    def joint_step(self, observed: DecodedObservation, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Joint steps from configurations (n, joints) [rad] for wanted tip steps (n, 2) [m]."""
+        return self.resolved_rate(q, wanted, self.damping)
+
     def follow(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         """See `ReachController.follow`: joint steps that the tip error asks for."""
         error = observed.target - observed.tip
@@ -152,7 +156,7 @@ class PseudoInverse(ReachController):
         close = np.hypot(*error.T)[:, None] < 0.05
         integral = np.where(close, memory.integral + error, 0.0)
         wanted = self.gain * error + self.integral_gain * integral
-        step = self.resolved_rate(memory.configuration, wanted, self.damping)
+        step = self.joint_step(observed, memory.configuration, wanted)
         memory = memory._replace(integral=integral)
         if self.control == "joint":
             return joint_action(memory.configuration, memory.configuration + step), memory

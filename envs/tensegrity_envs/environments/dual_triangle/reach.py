@@ -60,11 +60,16 @@ class DualTriangleReach(DualTriangleCore):
 
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """See `Core.sample`."""
+        return self.solved(seed, episode)[0]
+
+    def solved(self, seed: np.ndarray, episode: np.ndarray) -> tuple[Sampled, Components]:
+        """The episodes of the given pairs, and a configuration that solves each of them [rad]."""
         random = self.randomization.sample(seed, episode)
         design = self.design_of(random)
         start = self.sampler.sample(seed, episode, design)
         goal = tuple(to_single(component) for component in self.nominal.tip(start.target_configuration))
-        return Sampled(Episode(design, start.load, (), goal, random=random), start.configuration, start.inputs)
+        sampled = Sampled(Episode(design, start.load, (), goal, random=random), start.configuration, start.inputs)
+        return sampled, start.target_configuration
 
     def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. The configuration is the unloaded arm's: its inputs are kept while the load is put on.

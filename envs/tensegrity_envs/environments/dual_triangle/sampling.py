@@ -73,6 +73,13 @@ class Sampler:
         q, inputs, goal = (tuple(found[k * m : (k + 1) * m]) for k in range(3))
         return Start(q, inputs, tuple(load), goal)
 
+    def inside(self, arm: DualTriangle, q: Components) -> np.ndarray:
+        """Whether the unloaded arm can be held in configurations, within 95 % of the limits of joints and inputs."""
+        largest_angle, largest_input, stability = evaluate(_held, arm.design, arm.segments, q)
+        high = float(self.control.bounds(self.arm)[1])
+        within = (largest_angle <= _SHARE * float(arm.design.joint_limit)) & (largest_input <= _SHARE * high)
+        return np.asarray(within & (stability >= _MIN_MARGIN))
+
     def start_at(self, arm: DualTriangle, posture: Components, load: Components) -> tuple[Components, Components]:
         """Where an arm rests, and under which inputs, that was put into a posture before it was loaded.
 
@@ -109,7 +116,7 @@ class Sampler:
         """
         x, y = (float(component[0]) for component in target)
         high = float(self.control.bounds(self.arm)[1])
-        postures = self._postures(x, y)
+        postures = self.postures(x, y)
         count, shown = postures.shape[1], f"target ({x:.6g}, {y:.6g})"
         if not count:
             raise ValueError(f"{shown}: out of reach of the arm within its joint limits")
@@ -122,7 +129,7 @@ class Sampler:
         if not holds.any():
             raise ValueError(f"{shown}: no stable posture holds it within the inputs' bounds under this episode's load")
 
-    def _postures(self, x: float, y: float) -> np.ndarray:
+    def postures(self, x: float, y: float) -> np.ndarray:
         """Postures (m, k) [rad] within the joint limits with the tip at (x, y): both elbows of many first angles."""
         limit, free = float(self.arm.design.joint_limit), self.arm.segments - 2
         if free == 1:
@@ -202,6 +209,13 @@ def _walk(
         left = left - xp.where(taken, share * gap, 0.0)
         moved = xp.where(taken, 1.0, moved)
     return start, here, moved > 0, good
+
+
+def _held(design: DualTriangleDesign, segments: int, q: Components) -> tuple[Component, Component, Component]:
+    """Largest angle [rad], largest input [m] and stability margin under the inputs that hold the unloaded arm."""
+    arm = DualTriangle(design, segments)
+    inputs = arm.control(q)
+    return _largest(arm, q), _largest(arm, inputs), arm.stability_margin(q, arm.free_lengths(inputs))
 
 
 def _largest(arm: DualTriangle, values: Components) -> Component:

@@ -41,7 +41,7 @@ class NXSampler(Sampler):
         return self._inside_under(payload, q).astype(int)
 
     def _inside_under(self, payload: np.ndarray, q: Components) -> np.ndarray:
-        return self._inside(NX(replace(self.design, payload=payload)), q)
+        return self.inside(NX(replace(self.design, payload=payload)), q)
 
     def _joined(self, mechanism: Any, payload: np.ndarray, start: Components, q: Components) -> np.ndarray:
         if self.joints in _NODES:
@@ -51,5 +51,5 @@ class NXSampler(Sampler):
         along = tuple(
             np.tile(a, _LOOKS + 1) + share * np.tile(b - a, _LOOKS + 1) for a, b in zip(start, q, strict=True)
         )
-        inside = self._inside(mechanism.take(np.tile(np.arange(m), _LOOKS + 1)), along)
+        inside = self.inside(mechanism.take(np.tile(np.arange(m), _LOOKS + 1)), along)
         return np.asarray(inside.reshape(_LOOKS + 1, m).all(axis=0))

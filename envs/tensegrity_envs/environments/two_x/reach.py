@@ -116,15 +116,16 @@ class TwoXReach(TwoXRegions, Core):
 
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """See `Core.sample`."""
+        return self.solved(seed, episode)[0]
+
+    def solved(self, seed: np.ndarray, episode: np.ndarray) -> tuple[Sampled, Components]:
+        """The episodes of the given pairs, and a configuration that solves each of them [rad]."""
         random = self.randomization.sample(seed, episode)
         sampled = self.sampler.sample(seed, episode, self.design_of(random))
         goal = self.drawn_goal(sampled, seed, episode)
         solutions = self.solutions(sampled.mechanism, goal, sampled.target_configuration)
-        return Sampled(
-            Episode(sampled.mechanism.design, (0.0, 0.0), (), goal, solutions, random),
-            sampled.configuration,
-            sampled.tensions,
-        )
+        episodes = Episode(sampled.mechanism.design, (0.0, 0.0), (), goal, solutions, random)
+        return Sampled(episodes, sampled.configuration, sampled.tensions), sampled.target_configuration
 
     def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. With a hidden payload the configuration is the nominal arm's, under no payload."""

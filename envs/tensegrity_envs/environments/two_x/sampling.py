@@ -126,7 +126,7 @@ class Sampler:
         def try_target(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
             q = self._uniform(here)
             arm, begin = mechanism.take(owner), tuple(angle[owner] for angle in start)
-            good = self._inside(arm, q)
+            good = self.inside(arm, q)
             return np.stack(q), good & self._joined(arm, payload[owner], begin, q)
 
         stream = EpisodeStream(seed, episode, _TARGET_DRAWS)
@@ -178,7 +178,7 @@ class Sampler:
     def _try_start(self, nominal: Any, stream: EpisodeStream, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where arms begin and, if the payload is hidden, under which tensions, and which of them are good."""
         q = self._uniform(stream)
-        good = self._inside(nominal, q)
+        good = self.inside(nominal, q)
         found = np.stack(q)
         if self.payload_range is not None:
             index = np.flatnonzero(good)
@@ -197,7 +197,8 @@ class Sampler:
         good &= self._component(payload, tuple(np.where(good, angle, 0.0) for angle in found[: self.joints])) > 0
         return found, good
 
-    def _inside(self, mechanism: Any, q: Components) -> np.ndarray:
+    def inside(self, mechanism: Any, q: Components) -> np.ndarray:
+        """Whether both margins of configurations within the joint limits are at least 0.01."""
         return _is_far_inside(*evaluate(_margins, self.arm, mechanism.design, q))
 
     def _add_payload(

@@ -1,0 +1,90 @@
+"""Controllers of the dual-triangle arm among obstacles."""
+
+from abc import abstractmethod
+
+import numpy as np
+
+from tensegrity_agents.controllers import dual_triangle
+from tensegrity_agents.controllers.dual_triangle.planning import schedule
+from tensegrity_agents.controllers.dual_triangle.reach import STEPS, ReachController
+from tensegrity_agents.controllers.obstacles.clearing import Clearing, push_away
+from tensegrity_agents.controllers.obstacles.planning import KEPT, PathPlanner
+from tensegrity_envs.core import Core
+from tensegrity_envs.observation import DecodedObservation
+
+_NO_LOAD = np.zeros(2)
+_ENDS = 2000  # postures that hold a target and are looked at
+
+
+class _Along(ReachController):
+    """Goes along a joint path to a posture that holds the target. Subclasses say which.
+
+    Raises:
+        TypeError: there are no obstacles in the environment.
+    """
+
+    any_segments = True
+
+    def __init__(self, core: Core) -> None:
+        super().__init__(core)
+        self.planner = PathPlanner(core)
+
+    def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
+        discs = self.planner.clearing.discs(observed).T
+        plans = []
+        for q, target, around in zip(start, observed.target, discs, strict=True):
+            ends = self.core.sampler.postures(*target.tolist())
+            path = [q, *(self._path(q, ends[:, :: max(1, ends.shape[1] // _ENDS)].T, around) or [q])]
+            plans.append(schedule(self.nominal, np.array(path), _NO_LOAD, self.rate, STEPS))
+        return np.asarray(np.clip(np.stack(plans), -self.bound, self.bound))
+
+    @abstractmethod
+    def _path(self, start: np.ndarray, ends: np.ndarray, discs: np.ndarray) -> list[np.ndarray]:
+        """Postures to visit from `start` (segments,), the last one of `ends` (k, segments) [rad]."""
+
+
+class StraightPath(_Along):
+    """Goes straight, in joint space, to the nearest posture that holds the target."""
+
+    knows = "the nominal design; straight to the nearest posture, takes no notice of the obstacles"
+
+    def _path(self, start: np.ndarray, ends: np.ndarray, discs: np.ndarray) -> list[np.ndarray]:
+        """See `_Along._path`."""
+        held = ends[self.core.sampler.inside(self.nominal, tuple(ends.T))]
+        return list(held[np.abs(held - start).max(axis=1).argmin()][None]) if len(held) else []
+
+
+class PseudoInverse(dual_triangle.PseudoInverse):
+    """Resolved rate with the damped pseudo-inverse; the null space leads away from the nearest obstacle, and a step is
+    cut short where it would touch one.
+    """
+
+    knows = "the nominal design and the obstacles; feedback of the tip error"
+    near = 0.06  # of the reach: from there on the null space leads away from obstacles
+    push = 0.08  # [rad] in a step, at an obstacle
+
+    def __init__(self, core: Core) -> None:
+        super().__init__(core)
+        self.clearing, self.reach = Clearing(core), core.reach
+
+    def joint_step(self, observed: DecodedObservation, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """See `dual_triangle.PseudoInverse.joint_step`."""
+        discs = self.clearing.discs(observed)
+        step = super().joint_step(observed, q, wanted)
+        away = push_away(self.clearing, q, discs, self.near * self.reach, self.push)
+        jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
+        moved = (jacobian @ away[..., None])[..., 0]
+        step = step + away - (np.linalg.pinv(jacobian, rcond=1e-3) @ moved[..., None])[..., 0]
+        return self.clearing.kept_off(q.T, step.T, discs, 0.5 * KEPT * self.reach).T
+
+
+class Planner(_Along):
+    """Goes along a joint path that is free in the nominal model: straight to a posture that holds the target, or by a
+    sampling planner.
+    """
+
+    knows = "the nominal design and the obstacles; plans a free joint path"
+
+    def _path(self, start: np.ndarray, ends: np.ndarray, discs: np.ndarray) -> list[np.ndarray]:
+        """See `_Along._path`."""
+        return self.planner.path(self.nominal, start, ends, discs)

@@ -1,0 +1,74 @@
+"""Joint paths among obstacles: straight to one of the solutions of the target, or by a sampling planner."""
+
+from typing import Any
+
+import numpy as np
+
+from tensegrity_agents.controllers.connecting import connect
+from tensegrity_agents.controllers.obstacles.clearing import Clearing
+
+KEPT = 0.01  # of the reach: clearance along a planned path
+_STRAIGHT = 32  # solutions, the nearest ones, to which the straight path is looked at
+_SPACING = 0.01  # [rad] of the looks along an edge
+_FINE = 1e-3  # [rad] of the looks at a path before it is handed out
+_SEEDS = 3
+
+
+class PathPlanner:
+    """Plans in the set in which the nominal mechanism can be held, clear of the obstacles by 1 % of the reach.
+
+    Args:
+        core: of the environment.
+    """
+
+    def __init__(self, core: Any) -> None:
+        self.core, self.clearing, self.kept = core, Clearing(core), KEPT * core.reach
+
+    def is_free(self, model: Any, q: np.ndarray, discs: np.ndarray, kept: float) -> np.ndarray:
+        """Whether configurations (joints, k) are free by so much [m]; one `model`, `discs` of shape (numbers, 1)."""
+        free = np.abs(q).max(axis=0) <= float(self.core.nominal.design.joint_limit)
+        near = np.flatnonzero(free)
+        near = near[self.clearing(q[:, near], discs) >= kept]
+        held = self.core.sampler.inside(model.take(np.zeros(len(near), int)), tuple(q[:, near]))
+        free[:] = False
+        free[near] = held
+        return np.asarray(free)
+
+    def path(self, model: Any, start: np.ndarray, ends: np.ndarray, discs: np.ndarray) -> list[np.ndarray]:
+        """A joint path from a configuration to one of several others.
+
+        Args:
+            model: one mechanism.
+            start: (joints,) [rad].
+            ends: (k, joints) [rad], free or not.
+            discs: x, y and radius of each, (3 * discs,) [m].
+
+        Returns:
+            The configurations to visit one after another; empty where no path was found.
+        """
+        around = discs[:, None]
+        kept = min(self.kept, float(self.clearing(start[:, None], around)[0]))
+
+        def is_free(q: np.ndarray) -> np.ndarray:
+            return self.is_free(model, q, around, kept)
+
+        ends = ends[is_free(ends.T)] if len(ends) else ends
+        ends = ends[np.argsort(np.abs(ends - start).max(axis=1), kind="stable")]
+        for end in ends[:_STRAIGHT]:
+            if self.is_path_free(is_free, start, [end], _SPACING) and self.is_path_free(is_free, start, [end], _FINE):
+                return [end]
+        for seed in range(_SEEDS):
+            found = connect(is_free, start, ends, float(self.core.nominal.design.joint_limit), seed, _SPACING)
+            if found and self.is_path_free(is_free, start, found, _FINE):
+                return found
+        return []
+
+    @staticmethod
+    def is_path_free(is_free: Any, start: np.ndarray, path: list[np.ndarray], spacing: float) -> bool:
+        """Whether a whole path is free at looks so far apart [rad]."""
+        points = [start, *path]
+        legs = []
+        for a, b in zip(points, path, strict=False):
+            count = max(2, int(np.ceil(np.abs(b - a).max() / spacing)) + 1)
+            legs.append(a[:, None] + np.linspace(0.0, 1.0, count) * (b - a)[:, None])
+        return bool(is_free(np.concatenate(legs, axis=1)).all())

@@ -1,0 +1,10 @@
+"""Planar mechanisms among obstacles, as environments."""
+
+from tensegrity_envs.environments.obstacles.reach import (
+    DualTriangleObstacleReach,
+    NXObstacleReach,
+    ObstacleCore,
+    TwoXObstacleReach,
+)
+
+__all__ = ["DualTriangleObstacleReach", "NXObstacleReach", "ObstacleCore", "TwoXObstacleReach"]

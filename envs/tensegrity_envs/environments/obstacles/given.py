@@ -1,0 +1,57 @@
+"""The option `obstacles` of an environment: how many discs are drawn, or obstacles of one's own."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from tensegrity_envs.geometry.clearance import Disc, Obstacle, Polygon, Wall
+
+MOST = 8  # discs drawn
+_KINDS: dict[str, type[Any]] = {"radius": Disc, "corners": Polygon, "normal": Wall}  # by a field that tells them apart
+
+
+def checked_obstacles(given: Any) -> int | tuple[Obstacle, ...]:
+    """The number of discs that are drawn for each episode, or the obstacles of all episodes.
+
+    Args:
+        given: a number, or a sequence of obstacles; each may be a mapping of its fields, as JSON has it.
+
+    Raises:
+        ValueError: it is neither, or an obstacle is not well-formed; the message says which.
+    """
+    if isinstance(given, int | np.integer) and not isinstance(given, bool):
+        if not 1 <= given <= MOST:
+            raise ValueError(f"obstacles = {given!r}: must be from 1 to {MOST} discs, or obstacles of your own")
+        return int(given)
+    if not isinstance(given, list | tuple) or not given:
+        raise ValueError(
+            f"obstacles = {given!r}: must be a number of discs, or a sequence of obstacles such as "
+            "{'centre': (0.3, 0.4), 'radius': 0.05}"
+        )
+    return tuple(_obstacle(one, f"obstacles[{k}]") for k, one in enumerate(given))
+
+
+def _obstacle(given: Any, name: str) -> Obstacle:
+    if isinstance(given, Disc | Polygon | Wall):
+        return given
+    kind = next((_KINDS[key] for key in _KINDS if isinstance(given, Mapping) and key in given), None)
+    if kind is None:
+        raise ValueError(
+            f"{name} = {given!r}: must be a Disc, a convex Polygon or a Wall, or their fields: "
+            + "; ".join(", ".join(field.name for field in fields(one)) for one in _KINDS.values())
+        )
+    assert isinstance(given, Mapping)
+    known = [field.name for field in fields(kind)]
+    if sorted(given) != sorted(known):
+        raise ValueError(f"{name} = {given!r}: a {kind.__name__} has {' and '.join(known)}")
+    try:
+        return kind(**{key: _tupled(value) for key, value in given.items()})  # type: ignore[no-any-return]
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: {error}") from error
+
+
+def _tupled(value: Any) -> Any:
+    """Numbers as floats, lists as tuples."""
+    return tuple(_tupled(part) for part in value) if isinstance(value, list | tuple) else float(value)

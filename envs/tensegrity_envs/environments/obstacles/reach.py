@@ -1,0 +1,204 @@
+"""Planar mechanisms that reach among obstacles."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import reduce
+from typing import Any, ClassVar
+
+import numpy as np
+
+from tensegrity_envs.compiler.namespace import Components, namespace_of
+from tensegrity_envs.core import Core, Sampled
+from tensegrity_envs.environments.dual_triangle import DualTriangleReach
+from tensegrity_envs.environments.dual_triangle.arm import PUBLISHED_SEGMENTS
+from tensegrity_envs.environments.n_x import NXReach
+from tensegrity_envs.environments.obstacles.given import checked_obstacles
+from tensegrity_envs.environments.obstacles.sampling import ObstacleSampler
+from tensegrity_envs.environments.two_x import TwoXReach
+from tensegrity_envs.geometry.clearance import Disc, Obstacle, clearance
+from tensegrity_envs.observation import Divided, Field, Softsign
+from tensegrity_envs.simulation.protocol import COLLISION, RUNNING, Episode, State
+from tensegrity_envs.simulation.quasi_static import keep_where
+from tensegrity_envs.tasks import ObstacleReach, ObstacleReachWeights, Reach, ReachWeights
+
+Obstacles = int | Sequence[Obstacle | Mapping[str, Any]]
+
+_LOOKS = 4  # at the arm within a step
+_COUNT = 3  # discs
+_WEIGHTS: ReachWeights = ObstacleReachWeights()
+
+
+class ObstacleCore(Core):
+    """What obstacles add to an environment, before which it stands in the bases of a class; the constructor of that
+    class calls `_take_obstacles` first and `_surround` last.
+
+    Attributes:
+        obstacles: how many discs are drawn, or those that there are.
+        surroundings: draws starts, targets and discs.
+    """
+
+    task_type: ClassVar[type[Reach]] = ObstacleReach
+    default_weights = _WEIGHTS
+    obstacles: int | tuple[Obstacle, ...]
+    surroundings: ObstacleSampler
+
+    def _take_obstacles(self, obstacles: Any, options: Mapping[str, Any]) -> None:
+        """What must be known before the environment without obstacles is made.
+
+        Raises:
+            ValueError: obstacles that are none, or dynamics.
+        """
+        if options.get("backend", "quasi_static") != "quasi_static":
+            raise ValueError(f"backend = {options['backend']!r}: among obstacles there is 'quasi_static' alone")
+        self.obstacles = checked_obstacles(obstacles)
+
+    def _surround(self) -> None:
+        """What follows from the environment without obstacles.
+
+        Raises:
+            ValueError: the centre of a disc or its radius is farther than the arm reaches.
+        """
+        assert isinstance(self.task, ObstacleReach)
+        for disc in () if isinstance(self.obstacles, int) else self.obstacles:
+            if isinstance(disc, Disc) and max(*map(abs, disc.centre), disc.radius) > self.reach:
+                raise ValueError(
+                    f"obstacles: {disc!r}: its numbers must be within the reach of the arm, {self.reach:.4g} m; "
+                    "larger obstacles can be a Polygon or a Wall"
+                )
+        free: Any = self  # as the class behind this one has it
+        self.surroundings = ObstacleSampler(free, self.obstacles)
+        self.task = replace(self.task, safe=self.surroundings.safe)
+
+    @property
+    def disc_count(self) -> int:
+        """The number of discs, which are observed."""
+        if isinstance(self.obstacles, int):
+            return self.obstacles
+        return sum(isinstance(one, Disc) for one in self.obstacles)
+
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
+        """See `Core.sample`."""
+        sampled: Sampled
+        sampled, obstacles = self.surroundings.sample(seed, episode)
+        return sampled._replace(episode=sampled.episode._replace(obstacles=obstacles))
+
+    def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
+        """See `Core.placed`. The start must be clear of the obstacles; whether a path leads to the target is not
+        checked.
+        """
+        placed = super().placed(sampled, target, configuration)
+        gap = float(clearance(self.nominal, placed.configuration, sampled.episode.obstacles)[0])
+        if gap <= 0:
+            raise ValueError(f"configuration: touches an obstacle (clearance {gap:.4g} m)")
+        return placed
+
+    def with_clearance(self, episode: Episode, before: State, after: State) -> State:
+        """See `Core.with_clearance`: the least clearance at four looks along the straight joint path of the step."""
+        xp = namespace_of(*after.configuration)
+        gaps = []
+        for k in range(1, _LOOKS + 1):
+            share = k / _LOOKS
+            pairs = zip(before.configuration, after.configuration, strict=True)
+            q = after.configuration if k == _LOOKS else tuple(a + share * (b - a) for a, b in pairs)
+            gaps.append(clearance(self.nominal, q, episode.obstacles))
+        least = reduce(xp.minimum, gaps)
+        hit = (least <= 0) & (after.failure == RUNNING)
+        failed = after._replace(failure=xp.where(hit, COLLISION, after.failure), clearance=least)
+        return keep_where(xp, hit, failed, before)
+
+    def observed(self) -> list[Field]:
+        """See `Core.observed`."""
+
+        def centres(_: State, episode: Episode) -> Components:
+            return tuple(value for one in episode.obstacles if isinstance(one, Disc) for value in one.centre)
+
+        def radii(_: State, episode: Episode) -> Components:
+            return tuple(one.radius for one in episode.obstacles if isinstance(one, Disc))
+
+        def gap(state: State, _: Episode) -> Components:
+            return (state.clearance,)
+
+        free: Any = super()
+        fields, count, reach = list(free.observed()), self.disc_count, Divided(self.reach)
+        if count:
+            fields += [
+                Field("obstacle_centres", centres, 2 * count, reach, "m", "centres (x, y) of the discs"),
+                Field("obstacle_radii", radii, count, reach, "m", "radii of the discs"),
+            ]
+        scale = Softsign(0.1 * self.reach)
+        return [*fields, Field("clearance", gap, None, scale, "m", "least clearance in the last step")]
+
+    def episode_with_goal(self, info: dict[str, np.ndarray], goal: Components) -> Episode:
+        """See `Core.episode_with_goal`: the reward depends on the clearance in `info`, and on no obstacle."""
+        n = len(goal[0])
+        one = self.episodes.unpack(np.ones((self.episodes.size, n))).obstacles
+        free: Any = super()
+        episode: Episode = free.episode_with_goal(info, goal)
+        return episode._replace(obstacles=one)
+
+    def scene(self, episode: Episode, state: State) -> dict[str, Any]:
+        """See `Core.scene`."""
+        free: Any = super()
+        scene: dict[str, Any] = free.scene(episode, state)
+        return scene | {"obstacles": [one.outline(4 * self.reach) for one in episode.obstacles]}
+
+
+class NXObstacleReach(ObstacleCore, NXReach):
+    """Reaching among obstacles with an arm of two X-joints or more; an obstacle that is touched ends the episode.
+
+    Args:
+        obstacles: how many discs are drawn for each episode, or a sequence of `Disc`s, convex `Polygon`s and `Wall`s
+            (or mappings of their fields) that are in every episode.
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+    """
+
+    def __init__(self, obstacles: Obstacles = _COUNT, **options: Any) -> None:
+        self._take_obstacles(obstacles, options)
+        super().__init__(**options)
+        self._surround()
+
+
+class TwoXObstacleReach(ObstacleCore, TwoXReach):
+    """Reaching among obstacles with the 2-X; an obstacle that is touched ends the episode.
+
+    Args:
+        obstacles: how many discs are drawn for each episode, or a sequence of `Disc`s, convex `Polygon`s and `Wall`s
+            (or mappings of their fields) that are in every episode.
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+    """
+
+    def __init__(self, obstacles: Obstacles = _COUNT, **options: Any) -> None:
+        self._take_obstacles(obstacles, options)
+        super().__init__(**options)
+        self._surround()
+
+
+class DualTriangleObstacleReach(ObstacleCore, DualTriangleReach):
+    """Reaching among obstacles with the unloaded dual-triangle arm; an obstacle that is touched ends the episode.
+
+    Args:
+        obstacles: how many discs are drawn for each episode, or a sequence of `Disc`s, convex `Polygon`s and `Wall`s
+            (or mappings of their fields) that are in every episode.
+        load_range: None: among obstacles there is no load.
+        segments: how many the arm has, two or more.
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+    """
+
+    def __init__(
+        self,
+        obstacles: Obstacles = _COUNT,
+        load_range: None = None,
+        segments: int = PUBLISHED_SEGMENTS,
+        **options: Any,
+    ) -> None:
+        if load_range is not None:
+            raise ValueError(f"load_range = {load_range!r}: must be None: among obstacles there is no load")
+        self._take_obstacles(obstacles, options)
+        super().__init__(segments=segments, **options)
+        self._surround()
