@@ -189,14 +189,14 @@ def schedule(
 
     Args:
         arm: nominal.
-        path: waypoints (k, 3) [rad], the first one where the arm is.
+        path: waypoints (k, segments) [rad], the first one where the arm is.
         load: shape (2,) [N].
         rate: largest change of an input in one step [m].
         steps: as many as there are.
         largest_turn: of a joint in one step [rad]; given up where there are not enough steps.
 
     Returns:
-        Shape (steps, 3) [m]; at the end of the path, its last inputs.
+        Shape (steps, segments) [m]; at the end of the path, its last inputs.
     """
     pieces = [np.linspace(0.0, 1.0, 201)[1:, None] * (b - a) + a for a, b in pairwise(path)]
     q = np.concatenate([path[:1], *pieces])
@@ -208,5 +208,5 @@ def schedule(
         cost = np.maximum(change, turn / 1.0)
     done = np.concatenate([[0.0], np.cumsum(cost)])
     places: Any = np.minimum(np.arange(1, steps + 1), done[-1])
-    along = np.stack([np.interp(places, done, q[:, i]) for i in range(3)])
+    along = np.stack([np.interp(places, done, angle) for angle in q.T])
     return np.stack(arm.control(tuple(along), tuple(load)), axis=1)

@@ -175,10 +175,15 @@ class PseudoInverse(ReachController):
         goal = np.clip(np.where(memory.crossing[:, None], memory.restart_at, q + step), -limit, limit)
         turn = goal - q
         turn = turn * np.minimum(1.0, self.largest_turn / np.maximum(np.abs(turn).max(axis=1, keepdims=True), 1e-12))
+        turn = self.allowed(observed, q, turn)
         change = np.stack(self.nominal.control(tuple((q + turn).T)), axis=1) - observed.inputs
         share = 1.0 / np.maximum(np.abs(change).max(axis=1, keepdims=True) / self.rate, 1.0)
         commanded = q + share * turn
         return share * change / self.rate, memory._replace(commanded=commanded, step=memory.step + 1)
+
+    def allowed(self, observed: DecodedObservation, q: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """As much of joint steps (n, segments) [rad] as may be taken: here all."""
+        return turn
 
     def joint_step(self, observed: DecodedObservation, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """Joint steps from configurations (n, segments) [rad] for wanted tip steps (n, 2) [m]."""

@@ -1,6 +1,7 @@
 """Controllers of the dual-triangle arm among obstacles."""
 
 from abc import abstractmethod
+from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
 _NO_LOAD = np.zeros(2)
-_ENDS = 2000  # postures that hold a target and are looked at
+_TABLE, _ENDS = 20_000, 400  # postures, and those of them that are projected onto a target
+_SHARE = 0.95  # of the joint limits
+_ROUNDS, _DAMPING = 12, 1e-3  # of Newton's method; [m/rad]
 
 
 class _Along(ReachController):
@@ -33,10 +36,32 @@ class _Along(ReachController):
         discs = self.planner.clearing.discs(observed).T
         plans = []
         for q, target, around in zip(start, observed.target, discs, strict=True):
-            ends = self.core.sampler.postures(*target.tolist())
-            path = [q, *(self._path(q, ends[:, :: max(1, ends.shape[1] // _ENDS)].T, around) or [q])]
+            path = [q, *(self._path(q, self.postures(target), around) or [q])]
             plans.append(schedule(self.nominal, np.array(path), _NO_LOAD, self.rate, STEPS))
         return np.asarray(np.clip(np.stack(plans), -self.bound, self.bound))
+
+    @cached_property
+    def _table(self) -> tuple[np.ndarray, np.ndarray]:
+        """Random postures (k, segments) within the limits, and their tips (k, 2)."""
+        limit = _SHARE * float(self.nominal.design.joint_limit)
+        q = np.random.default_rng(0).uniform(-limit, limit, (_TABLE, self.nominal.segments))
+        return q, np.stack(self.nominal.tip(tuple(q.T)), axis=1)
+
+    def postures(self, target: np.ndarray) -> np.ndarray:
+        """Postures (k, segments) [rad] with the tip at a target (2,) [m]: the nearest of a table, projected by Newton's
+        method with the least change of the joint angles.
+        """
+        table, tips = self._table
+        q = table[np.argsort(np.hypot(*(tips - target).T))[:_ENDS]]
+        limit = _SHARE * float(self.nominal.design.joint_limit)
+        for _ in range(_ROUNDS):
+            off = target - np.stack(self.nominal.tip(tuple(q.T)), axis=1)
+            jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
+            across = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING**2 * np.eye(2)
+            change = jacobian.transpose(0, 2, 1) @ np.linalg.solve(across, off[..., None])
+            q = np.clip(q + np.clip(change[..., 0], -0.3, 0.3), -limit, limit)
+        off = target - np.stack(self.nominal.tip(tuple(q.T)), axis=1)
+        return np.asarray(q[np.hypot(*off.T) < 0.1 * self.core.task.tolerance])
 
     @abstractmethod
     def _path(self, start: np.ndarray, ends: np.ndarray, discs: np.ndarray) -> list[np.ndarray]:
@@ -74,8 +99,12 @@ class PseudoInverse(dual_triangle.PseudoInverse):
         away = push_away(self.clearing, q, discs, self.near * self.reach, self.push)
         jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
         moved = (jacobian @ away[..., None])[..., 0]
-        step = step + away - (np.linalg.pinv(jacobian, rcond=1e-3) @ moved[..., None])[..., 0]
-        return self.clearing.kept_off(q.T, step.T, discs, 0.5 * KEPT * self.reach).T
+        return np.asarray(step + away - (np.linalg.pinv(jacobian, rcond=1e-3) @ moved[..., None])[..., 0])
+
+    def allowed(self, observed: DecodedObservation, q: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """See `dual_triangle.PseudoInverse.allowed`."""
+        discs = self.clearing.discs(observed)
+        return self.clearing.kept_off(q.T, turn.T, discs, KEPT * self.reach).T
 
 
 class Planner(_Along):

@@ -37,7 +37,7 @@ class PseudoInverse(n_x.PseudoInverse):
         discs = self.clearing.discs(observed)
         rest = -self.centring * q + push_away(self.clearing, q, discs, self.near * self.reach, self.push)
         step = self.in_null_space(q, wanted, rest, self.damping)
-        return self.clearing.kept_off(q.T, step.T, discs, 0.5 * KEPT * self.reach).T
+        return self.clearing.kept_off(q.T, step.T, discs, KEPT * self.reach).T
 
 
 class Planner(n_x.ClosedFormIK):

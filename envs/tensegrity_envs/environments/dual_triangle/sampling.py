@@ -116,7 +116,7 @@ class Sampler:
         """
         x, y = (float(component[0]) for component in target)
         high = float(self.control.bounds(self.arm)[1])
-        postures = self.postures(x, y)
+        postures = self._postures(x, y)
         count, shown = postures.shape[1], f"target ({x:.6g}, {y:.6g})"
         if not count:
             raise ValueError(f"{shown}: out of reach of the arm within its joint limits")
@@ -129,7 +129,7 @@ class Sampler:
         if not holds.any():
             raise ValueError(f"{shown}: no stable posture holds it within the inputs' bounds under this episode's load")
 
-    def postures(self, x: float, y: float) -> np.ndarray:
+    def _postures(self, x: float, y: float) -> np.ndarray:
         """Postures (m, k) [rad] within the joint limits with the tip at (x, y): both elbows of many first angles."""
         limit, free = float(self.arm.design.joint_limit), self.arm.segments - 2
         if free == 1:

@@ -1,0 +1,177 @@
+"""Planners and baselines among obstacles, checked by Shapely and by a dense roadmap."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+import tensegrity_envs
+from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.controllers.connecting import connect
+from tensegrity_agents.controllers.obstacles.clearing import Clearing
+from tensegrity_agents.controllers.obstacles.planning import PathPlanner
+from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_envs.geometry.clearance import bars_of
+from tensegrity_envs.seeding import VALIDATION_SEED
+
+IDS = [env_id for env_id in tensegrity_envs.ENV_IDS if "Obstacle" in env_id]
+every_id = pytest.mark.parametrize("env_id", IDS)
+SPACING = 1e-3  # [rad] of the looks at a path
+
+
+def looks_along(path):
+    """Configurations (joints, k) along a path of waypoints (joints,)."""
+    legs = []
+    for a, b in zip(path, path[1:]):
+        count = int(np.ceil(np.abs(b - a).max() / SPACING)) + 1
+        legs.append(a[:, None] + np.linspace(0, 1, count) * (b - a)[:, None])
+    return np.concatenate(legs, axis=1)
+
+
+def least_by_shapely(core, q, discs):
+    """The least distance of the bars in configurations (joints, k) from discs (x, y, radius), less their radii."""
+    bars = np.array(list(bars_of(core.nominal, tuple(q)).values()))  # (bars, ends, axes, k)
+    lines = shapely.linestrings(bars.transpose(0, 3, 1, 2).reshape(-1, 2, 2))
+    return min((shapely.distance(lines, shapely.Point(x, y)) - r).min() for x, y, r in discs)
+
+
+def margins(core, q):
+    """The smaller margin in configurations (joints, k), by plain NumPy."""
+    if hasattr(core.nominal, "posture"):
+        return np.minimum(*core.nominal.posture(tuple(q))[1:])
+    inputs = core.nominal.control(tuple(q))
+    high = float(core.simulation.bounds(core.nominal)[1])
+    room = np.min([high - np.abs(delta) for delta in inputs], axis=0)
+    stability = core.nominal.stability_margin(tuple(q), core.nominal.free_lengths(inputs))
+    return np.minimum(stability, room / high)
+
+
+def planned(env_id, count, monkeypatch):
+    """Start, path and discs of the first validation episodes, as the planner of the id finds them."""
+    found = []
+    plan = PathPlanner.path
+
+    def watched(self, model, start, ends, discs):
+        path = plan(self, model, start, ends, discs)
+        found.append(([start, *path], discs))
+        return path
+
+    monkeypatch.setattr(PathPlanner, "path", watched)
+    core = gym.make(env_id).unwrapped.core
+    envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point")
+    observation, _ = envs.reset(seed=VALIDATION_SEED)
+    controller = make_controller("planner", env_id)
+    controller.begin_episodes(np.ones(count, bool), envs.unwrapped.design, None)
+    controller.predict(observation)
+    return core, found, observation["desired_goal"]
+
+
+def check_paths(env_id, count, monkeypatch):
+    core, found, targets = planned(env_id, count, monkeypatch)
+    assert len(found) == count
+    for (path, discs), target in zip(found, targets):
+        assert len(path) > 1
+        assert np.hypot(*(np.ravel(core.nominal.tip(tuple(path[-1]))) - target)) <= core.task.tolerance / 2
+        q = looks_along(path)
+        assert least_by_shapely(core, q, discs.reshape(-1, 3)) > 0
+        assert margins(core, q).min() > 0
+        assert np.abs(q).max() <= core.design.joint_limit
+
+
+@every_id
+def test_shapely_finds_no_collision_along_planned_paths(env_id, monkeypatch):
+    check_paths(env_id, 25, monkeypatch)
+
+
+@pytest.mark.full
+@every_id
+def test_shapely_finds_no_collision_along_a_thousand_planned_paths(env_id, monkeypatch):
+    check_paths(env_id, 1000 // len(IDS), monkeypatch)
+
+
+def roadmap_joins(is_free, starts, limit, nodes, rng):
+    """Which pairs of starts (2, k, joints) a dense roadmap joins."""
+    count = starts.shape[1]
+    q = rng.uniform(-limit, limit, (3 * nodes, starts.shape[2]))
+    points = np.concatenate([*starts, q[is_free(q.T)][:nodes]])
+    near = np.asarray(cKDTree(points).query(points, k=16)[1])
+    pairs = np.unique(np.sort(np.stack([np.repeat(np.arange(len(points)), 15), near[:, 1:].ravel()]), axis=0), axis=1)
+    free = np.ones(pairs.shape[1], bool)
+    for share in np.linspace(0, 1, 34):
+        left = np.flatnonzero(free)
+        a, b = points[pairs[:, left]]
+        free[left] = is_free((a + share * (b - a)).T)
+    one, other = pairs[:, free]
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(len(points),) * 2)
+    label = connected_components(graph, directed=False)[1]
+    return label[:count] == label[count : 2 * count]
+
+
+def check_against_roadmap(env_id, cases, nodes):
+    """Among discs that nobody has certified: wherever a roadmap finds a path, the planner does."""
+    core, rng, joined, missed = gym.make(env_id).unwrapped.core, np.random.default_rng(4), 0, 0
+    planner, limit = PathPlanner(core), 0.95 * float(core.design.joint_limit)
+    for _ in range(cases):
+        angle, far = rng.uniform(0, 2 * np.pi, 4), core.reach * rng.uniform(0.35, 0.9, 4)
+        discs = np.stack([far * np.cos(angle), far * np.sin(angle), np.full(4, 0.08 * core.reach)])[:, :3].T.ravel()
+
+        def is_free(q, discs=discs):
+            return planner.is_free(core.nominal, q, discs[:, None], planner.kept)
+
+        q = rng.uniform(-limit, limit, (4000, core.nominal.degrees_of_freedom))
+        pairs = q[is_free(q.T)][:8].reshape(2, 4, -1)
+        for start, end, is_joined in zip(*pairs, roadmap_joins(is_free, pairs, limit, nodes, rng)):
+            found = connect(is_free, start, end[None], float(core.design.joint_limit), 0, 0.01)
+            joined += is_joined
+            missed += is_joined and not found
+            if found:
+                assert is_free(looks_along([start, *found])).all()
+    assert joined > cases
+    assert missed == 0
+
+
+@every_id
+def test_the_planner_finds_what_a_roadmap_finds(env_id):
+    check_against_roadmap(env_id, 2, 1500)
+
+
+@pytest.mark.full
+@every_id
+def test_the_planner_finds_what_a_dense_roadmap_finds(env_id):
+    check_against_roadmap(env_id, 25, 8000)
+
+
+@every_id
+def test_going_straight_collides_and_the_planner_arrives(env_id):
+    straight = "straight_path" if "DualTriangle" in env_id else "closed_form_ik"
+    share = {
+        name: np.mean(evaluate(make_controller(name, env_id), env_id, 40, VALIDATION_SEED, name).columns["success"])
+        for name in (straight, "planner")
+    }
+    assert share["planner"] >= 0.95
+    assert share[straight] < 0.6
+
+
+@every_id
+def test_the_pseudo_inverse_seldom_touches(env_id):
+    run = evaluate(make_controller("pseudo_inverse", env_id), env_id, 40, VALIDATION_SEED, "pseudo_inverse")
+    assert run.reasons.count("collision") <= 2  # inputs do not move joints along straight lines
+
+
+@every_id
+def test_the_gradient_of_the_clearance_points_away(env_id):
+    core = gym.make(env_id).unwrapped.core
+    sampled = core.sample(np.arange(50), np.zeros(50, int))
+    discs = np.concatenate([np.stack([*one.centre, one.radius]) for one in sampled.episode.obstacles])
+    clearing, q = Clearing(core), np.stack(sampled.configuration)
+    slope = clearing.gradient(q, discs)
+    ahead = clearing(q + 1e-4 * slope / np.linalg.norm(slope, axis=0), discs)
+    np.testing.assert_allclose(ahead - clearing(q, discs), 1e-4 * np.linalg.norm(slope, axis=0), rtol=0.05, atol=1e-9)
+
+
+def test_an_environment_without_obstacles_has_no_clearing():
+    with pytest.raises(TypeError, match="NXReach: has no obstacles"):
+        Clearing(gym.make("tensegrity/ThreeXReach-v0").unwrapped.core)
