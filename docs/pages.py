@@ -22,6 +22,7 @@ from tensegrity_agents.reporting.matrix import AGENT, best_controller, cells_of
 from tensegrity_agents.reporting.table import percent, steps_text
 from tensegrity_agents.reporting.video import record
 from tensegrity_agents.yaml_file import read_yaml
+from tensegrity_envs.core import Core
 from tensegrity_envs.info import meanings_of
 from tensegrity_envs.options import described
 from tensegrity_envs.randomization import Randomization
@@ -158,6 +159,8 @@ def ending(entry: Entry, core: Any) -> str:
     else:
         told = _paragraphs(_defining(type(core.simulation), "advance"))
     told += [text for text in _paragraphs(type(core.task).check_termination) if '"' in text]  # where it names a reason
+    if type(core).with_clearance is not Core.with_clearance:
+        told += _paragraphs(type(core).with_clearance)
     parts += [_filled(" ".join(text.split())) for text in told]
     return "\n".join(parts)
 

@@ -1,5 +1,7 @@
 """Planners and baselines among obstacles, checked by Shapely and by a dense roadmap."""
 
+from itertools import pairwise
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ SPACING = 1e-3  # [rad] of the looks at a path
 def looks_along(path):
     """Configurations (joints, k) along a path of waypoints (joints,)."""
     legs = []
-    for a, b in zip(path, path[1:]):
+    for a, b in pairwise(path):
         count = int(np.ceil(np.abs(b - a).max() / SPACING)) + 1
         legs.append(a[:, None] + np.linspace(0, 1, count) * (b - a)[:, None])
     return np.concatenate(legs, axis=1)

@@ -83,7 +83,7 @@ def test_touching_a_disc_ends_the_episode(env_id):
     before, obstacles = None, envs.unwrapped.episode.obstacles
     drift = rng.uniform(-1, 1, envs.action_space.shape)
     for _ in range(100):
-        _, reward, terminated, truncated, info = envs.step(drift.astype(np.float32))
+        _, reward, terminated, _, info = envs.step(drift.astype(np.float32))
         last = info.get("final_info", info)
         for i in np.flatnonzero(terminated):
             if termination_reason(last["failure"][i]) == "collision":

@@ -87,7 +87,7 @@ class Clearing:
             along = (q[:, None] + looks[:, None] * step[:, None]).reshape(len(q), -1)
             gaps = self(along, np.tile(discs, _LOOKS)).reshape(_LOOKS, n).min(axis=0)
             taken = np.where(gaps >= here, share, taken)
-        return taken * step
+        return np.asarray(taken * step)
 
 
 def push_away(clearing: Clearing, q: np.ndarray, discs: np.ndarray, near: float, push: float) -> np.ndarray:

@@ -75,7 +75,7 @@ class StraightPath(_Along):
 
     def _path(self, start: np.ndarray, ends: np.ndarray, discs: np.ndarray) -> list[np.ndarray]:
         """See `_Along._path`."""
-        held = ends[self.core.sampler.inside(self.nominal, tuple(ends.T))]
+        held = ends[self.planner.core.sampler.inside(self.nominal, tuple(ends.T))]
         return list(held[np.abs(held - start).max(axis=1).argmin()][None]) if len(held) else []
 
 

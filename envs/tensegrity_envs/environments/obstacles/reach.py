@@ -93,7 +93,9 @@ class ObstacleCore(Core):
         return placed
 
     def with_clearance(self, episode: Episode, before: State, after: State) -> State:
-        """See `Core.with_clearance`: the least clearance at four looks along the straight joint path of the step."""
+        """An arm that touches an obstacle at one of four looks along the straight joint path of a step has failed
+        ("collision"); it is left where it was before.
+        """
         xp = namespace_of(*after.configuration)
         gaps = []
         for k in range(1, _LOOKS + 1):
