@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_agents.controllers import two_x
-from tensegrity_agents.controllers.n_x.planning import connect
+from tensegrity_agents.controllers.connecting import connect
 from tensegrity_agents.controllers.n_x.reach import NXArm
 from tensegrity_agents.controllers.two_x.planning import margin, straight_clearance
 from tensegrity_agents.controllers.two_x.reach import Memory, ReachController

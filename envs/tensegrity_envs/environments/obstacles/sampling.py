@@ -104,7 +104,7 @@ class ObstacleSampler:
         return Kernel(lambda q, d: clearance(nominal, q, given or discs_of(d)), self._configurations, disc)
 
     @property
-    def _configurations(self) -> Schema:
+    def _configurations(self) -> Schema[Components]:
         return Schema((np.zeros(1),) * self.joints)
 
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> tuple[Any, tuple[Obstacle, ...]]:
