@@ -102,6 +102,8 @@ def test_a_wrong_size_is_refused_by_name(mechanism, name, argument):
     wrong = [right - 1, right + 1]
     if argument == "wrench":
         wrong = [2, 4, 5, 7]
+    if argument == "load" and isinstance(mechanism, DualTriangle):
+        wrong = [1, 4]  # three with a torque
     for count in wrong:
         with pytest.raises(ValueError, match=rf"^{argument}: {count} numbers?, must be {right}"):
             call(mechanism, name, argument, (0.3,) * count)

@@ -89,7 +89,7 @@ def test_numbers_that_are_too_many_or_too_few_are_refused():
     arm = DualTriangle(segments=3)
     q = (0.1, 0.2, 0.3)
     for call in (
-        lambda: arm.load_torques(q, (1.0, 0.0, 5.0)),
+        lambda: arm.load_torques(q, (1.0, 0.0, 5.0, 2.0)),
         lambda: arm.load_torques(q[:2], (1.0, 0.0)),
         lambda: arm.control(q, (1.0,)),
         lambda: arm.control(q[:2]),

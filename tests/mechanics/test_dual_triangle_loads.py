@@ -421,8 +421,6 @@ def test_calls_that_make_no_sense():
         arm.buckled_branch(4)
     with pytest.raises(ValueError, match="side = 0"):
         arm.buckled_branch(side=0)
-    with pytest.raises(ValueError, match="three segments"):
-        DualTriangle(segments=2).identify(0.1, 0.0, (0.05,) * 4)
     batch = DualTriangle(replace(ZHAO2021_CAPTION, k1=np.full(3, 500.0)))
     for call in (lambda: batch.equilibria(lengths), lambda: batch.identify(0.2, 0.0, lengths)):
         with pytest.raises(ValueError, match="batch"):

@@ -10,8 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, is_batch
+from tensegrity_envs.mechanics.dual_triangle.local_optima import starts
 from tensegrity_envs.mechanics.dual_triangle.self_motion import SINGLE, SelfMotion, self_motions
 from tensegrity_envs.mechanics.dual_triangle.statics import DualTriangleStatics
+
+_STARTS = 100  # of each kind, of Newton's method for more than three segments
 
 
 class LoadedState(NamedTuple):
@@ -171,6 +174,9 @@ def correct(
 def identify(arm: DualTriangleStatics, x: float, y: float, free_lengths: Sequence[float]) -> list[LoadedState]:
     """`DualTriangle.identify`: stationary points of the springs' energy along the self-motion curve of the tip."""
     limit = float(arm.design.joint_limit)
+    if arm.segments != 3:
+        _, begin = starts(arm, np.array([x]), np.array([y]), limit, _STARTS)
+        return _explained(arm, x, y, free_lengths, begin, 40, np.inf)
     found: list[tuple[float, ...]] = []
     for _, curve in self_motions(np.array([x]), np.array([y]), *arm._plain_links()):
         points = 4000
@@ -206,11 +212,28 @@ def identify(arm: DualTriangleStatics, x: float, y: float, free_lengths: Sequenc
             found += list(zip(*(c.tolist() for c in curve.at(np.zeros(len(low), int), loops, low)), strict=True))
     if not found:
         return []
-    angles_found = np.array(found).T
+    return _explained(arm, x, y, free_lengths, np.array(found).T, 8, 1e-4)
+
+
+def _explained(
+    arm: DualTriangleStatics,
+    x: float,
+    y: float,
+    free_lengths: Sequence[float],
+    angles_found: np.ndarray,
+    iterations: int,
+    most: float,
+) -> list[LoadedState]:
+    """Distinct states that Newton's method leads to; where it moves by `most` [rad] or more, it is not followed."""
+    limit = float(arm.design.joint_limit)
+    if not angles_found.shape[1]:
+        return []
     load = np.moveaxis(estimate_load(arm, tuple(angles_found), free_lengths), -1, 0)
-    better, force, _ = correct(arm, x, y, free_lengths, angles_found, load, 8)
-    moved = np.abs(better - angles_found).max(axis=0) < 1e-4  # else a singular system led elsewhere
+    better, force, last = correct(arm, x, y, free_lengths, angles_found, load, iterations)
+    moved = np.abs(better - angles_found).max(axis=0) < most  # else a singular system led elsewhere
     angles_found, load = np.where(moved, better, angles_found), np.where(moved, force, load)
+    if math.isinf(most):
+        angles_found, load = angles_found[:, last < 1e-9], load[:, last < 1e-9]
     states: list[LoadedState] = []
     for index in np.lexsort(angles_found[::-1]):
         angles = tuple(float(value) for value in angles_found[:, index])

@@ -7,8 +7,8 @@ correction. Two matter most: the loaded control law has the wrong sign, and stab
 Conventions: q_i [rad] is the angle of segment i's moving triangle relative to its base triangle, counter-clockwise;
 q > 0 moves the tip towards +y, and the straight arm lies along +x. Pivot 1 is at (b1, 0), the next ones at distances
 b1 + b2, the tip P at b2 beyond the last. Spring 1 of a segment is the one on the +y side, which shortens for q > 0.
-`load` is a dead force at the tip (fx, fy) [N] in world axes; compression of the straight arm is fx < 0. There is no
-gravity.
+`load` is a dead force at the tip (fx, fy) [N] in world axes, in statics with a torque [N m] on the last triangle as a
+third component, if there is one; compression of the straight arm is fx < 0. There is no gravity.
 """
 
 import math
@@ -47,7 +47,7 @@ _NO_LOAD = (0.0, 0.0)
     delta=(lambda arm: arm.segments, "delta_1, ..., delta_n"),
     free_lengths=(lambda arm: 2 * arm.segments, "spring 1 and spring 2 of every segment"),
     inputs=(lambda arm: 2 * arm.segments, "spring 1 and spring 2 of every segment"),
-    load=(2, "fx, fy"),
+    load=((2, 3), "fx, fy, and a torque where there is one"),
     direction=(2, "x, y"),
     target=(2, "x, y"),
 )
@@ -67,7 +67,7 @@ class DualTriangle(DualTriangleStatics):
         Args:
             free_lengths: 2 n of them [m], each a float or an array of shape (m,).
             start: n angles [rad].
-            load: (fx, fy) [N].
+            load: (fx, fy) [N], or (fx, fy, torque on the last triangle, counter-clockwise [N m]).
 
         Returns:
             Configuration [rad], residual [N m], is_stable, and the reason in words.
@@ -77,7 +77,7 @@ class DualTriangle(DualTriangleStatics):
         """
         check_finite("free_lengths", free_lengths, 2 * self.segments)
         check_finite("start", start, self.segments)
-        check_finite("load", load, 2)
+        check_finite("load", load, max(len(load), 2))
 
         parameters = (self.design, self.segments, as_components(free_lengths), as_components(load))
         return _equilibrium.relax(_statics, start, parameters, self.design.joint_limit)
@@ -94,14 +94,14 @@ class DualTriangle(DualTriangleStatics):
 
         Args:
             free_lengths: 2 n of them [m].
-            load: (fx, fy) [N].
+            load: (fx, fy) [N], or (fx, fy, torque on the last triangle, counter-clockwise [N m]).
 
         Raises:
             ValueError: a number is not finite, there are not 2 n free lengths, or the arm is a batch of designs.
         """
         check_single(self._probe, "equilibria")
         check_finite("free_lengths", free_lengths, 2 * self.segments)
-        check_finite("load", load, 2)
+        check_finite("load", load, max(len(load), 2))
         points = candidates(self, free_lengths, load)
         if self.design.springs == "cable" and any(load):
             points = np.concatenate([points, grid_of_starts(self)], axis=1)
@@ -408,23 +408,25 @@ class DualTriangle(DualTriangleStatics):
     def identify(self, x: float, y: float, free_lengths: Sequence[float]) -> list[LoadedState]:
         """Every configuration within the limits, with its load, that explains a measured tip under known inputs.
 
-        Five equations (tip, equilibrium) for five unknowns (three angles, two force components): the solutions are the
-        stationary points of the springs' energy along the self-motion curve of the tip. Sorted by configuration. Only
-        the stable ones can be the state of an arm at rest; there may be several, and none for a tip out of reach.
+        n + 2 equations (tip, equilibrium) for as many unknowns (n angles, two force components): the solutions are the
+        stationary points of the springs' energy where the tip is. Sorted by configuration. Only the stable ones can be
+        the state of an arm at rest; there may be several, and none for a tip out of reach. Two segments: both postures
+        of the tip, each with its load. Three: all along the self-motion curve. More: those that Newton's method leads
+        to from 300 starts.
 
         Args:
             x: measured tip [m].
             y: measured tip [m].
-            free_lengths: six of them [m].
+            free_lengths: 2 n of them [m].
 
         Raises:
-            ValueError: a number is not finite, the arm has not three segments, or it is a batch of designs.
+            ValueError: a number is not finite, the arm has one segment, or it is a batch of designs.
         """
         check_single(self._probe, "identify")
-        if self.segments != 3:
-            raise ValueError(f"identify: for three segments, not for {self.segments}")
+        if self.segments < 2:
+            raise ValueError(f"identify: for two segments or more, not for {self.segments}: its tip reveals no force")
         check_finite("tip", (x, y), 2)
-        check_finite("free_lengths", free_lengths, 6)
+        check_finite("free_lengths", free_lengths, 2 * self.segments)
         return identify(self, float(x), float(y), free_lengths)
 
     def identify_from(

@@ -106,9 +106,9 @@ class _Shooter:
         self.curves = [
             [_curve(self.segment, pair, stretch) for stretch in stretches(self.segment, pair)] for pair in self.pairs
         ]
-        self.fx, self.fy = (float(f) for f in load)
+        self.fx, self.fy, self.torque = (*(float(f) for f in load), 0.0)[:3]
         self.limit = float(arm.design.joint_limit)
-        size = np.hypot(self.fx, self.fy) * float(arm.reach) + float(arm.stiffness_scale)
+        size = np.hypot(self.fx, self.fy) * float(arm.reach) + abs(self.torque) + float(arm.stiffness_scale)
         self.slop = 64 * _TIGHT * size
 
     def moment(self, i: int, direction: np.ndarray, moment: np.ndarray) -> np.ndarray:
@@ -137,7 +137,7 @@ class _Shooter:
         n, widest = self.n, self.n * self.limit
         edges = np.linspace(-widest, widest, _CELLS + 1)
         boxes = _Boxes(np.stack([edges[:-1], edges[1:]]), np.zeros((n, _CELLS), int), np.zeros((2, n, _CELLS)))
-        direction, moment = boxes.phi, np.zeros((2, _CELLS))
+        direction, moment = boxes.phi, np.full((2, _CELLS), self.torque)
         for i in reversed(range(n)):
             moment = self.moment(i, direction, moment)
             kept = []
@@ -159,7 +159,7 @@ class _Shooter:
 
     def angles(self, boxes: _Boxes, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Intervals of all angles, shape (2, n, m), and which boxes may hold an equilibrium."""
-        direction, moment = boxes.phi, np.zeros_like(boxes.phi)
+        direction, moment = boxes.phi, np.full_like(boxes.phi, self.torque)
         q, fine = np.zeros_like(boxes.angles), np.ones(boxes.phi.shape[1], bool)
         for i in reversed(range(self.n)):
             moment = self.moment(i, direction, moment)
@@ -269,7 +269,8 @@ def polish(
         if len(length) and length.max() < 1e-15:
             break
     gradient, _ = statics(points)
-    good = np.linalg.norm(gradient, axis=1) <= 1e-11 * (scale + np.hypot(load[0], load[1]) * arm.reach)
+    size = scale + np.hypot(load[0], load[1]) * arm.reach + sum(abs(torque) for torque in load[2:])
+    good = np.linalg.norm(gradient, axis=1) <= 1e-11 * size
     good &= np.abs(points).max(axis=0) < limit - 1e-11
     distinct: list[np.ndarray] = []
     for point in points[:, good].T:

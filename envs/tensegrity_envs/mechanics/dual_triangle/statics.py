@@ -20,11 +20,14 @@ class DualTriangleStatics(DualTriangleKinematics):
     def potential_energy(
         self, q: Sequence[Component], free_lengths: Sequence[Component], load: Sequence[Component] = _NO_LOAD
     ) -> Component:
-        """Energy of the springs, less the load times the tip's position [J]."""
+        """Energy of the springs, less the load times the tip's position (and a torque times its turn) [J]."""
         xp = self._xp(*q, *free_lengths, *load)
         shape = self._shape(xp, q)
         x, y = self._arms(shape.links)[0]
         energy = -load[0] * (self.design.b1 + x) - load[1] * y
+        for torque in load[2:]:
+            for qi in q:
+                energy = energy - torque * qi
         for springs, pair in zip(shape.springs, pairs(free_lengths), strict=True):
             energy = energy + self.segment.energy_of(xp, springs, pair)
         return energy
@@ -35,16 +38,19 @@ class DualTriangleStatics(DualTriangleKinematics):
         """Gradient [N m] and Hessian [N m/rad] of the potential energy in one evaluation.
 
         g_i = -M_i(q_i) - (J^T F)_i, H_ij = K_i (i = j) + F . (tip - pivot max(i, j)): the second term is the load's
-        geometric stiffness, which [Zhao2021] leaves out.
+        geometric stiffness, which [Zhao2021] leaves out. A torque at the tip is subtracted from every g_i, and has no
+        geometric stiffness.
         """
         xp = self._xp(*q, *free_lengths, *load)
         shape = self._shape(xp, q)
-        fx, fy = load
+        fx, fy, *torques = load
         gradient, stiffness, along = [], [], []
         arms = self._arms(shape.links)
         for springs, pair, (x, y) in zip(shape.springs, pairs(free_lengths), arms, strict=True):
             slope, k = self.segment.slope_and_stiffness(xp, springs, pair)
             gradient.append(slope + fx * y - fy * x)
+            for torque in torques:
+                gradient[-1] = gradient[-1] - torque
             stiffness.append(k)
             along.append(fx * x + fy * y)
         n = self.segments
@@ -81,15 +87,16 @@ class DualTriangleStatics(DualTriangleKinematics):
     # ------------------------------------------------------------------------------------------------- control
 
     def load_torques(self, q: Sequence[Component], load: Sequence[Component]) -> Components:
-        """(J^T F)_i [N m]: the external moment on every segment.
+        """(J^T F)_i [N m], plus the torque at the tip where there is one: the external moment on every segment.
 
         Raises:
-            ValueError: there are not n angles and two components of the load.
+            ValueError: there are not n angles and two or three components of the load.
         """
         check_count("q", q, self.segments)
-        check_count("load", load, 2)
+        check_count("load", load, 2, 3)
         arms = self._arms(self._links(self._xp(*q, *load), q))
-        return tuple(load[1] * x - load[0] * y for x, y in arms)
+        moments = tuple(load[1] * x - load[0] * y for x, y in arms)
+        return tuple(moment + load[2] for moment in moments) if len(load) == 3 else moments
 
     def free_lengths(self, delta: Sequence[Component], common: Sequence[Component] | float = 0.0) -> Components:
         """The 2 n free lengths [m] under n control inputs: L0 + common -+ delta for the springs 1 and 2 of a segment.
@@ -126,7 +133,8 @@ class DualTriangleStatics(DualTriangleKinematics):
         would be negative.
 
         Raises:
-            ValueError: there are not n angles, two components of the load, and one number or n of them in common.
+            ValueError: there are not n angles, two or three components of the load, and one number or n of them in
+                common.
         """
         check_count("q", q, self.segments)
         added = self._each(common)

@@ -1,0 +1,105 @@
+"""What arms of other than three segments and torques at the tip reveal: identification, equilibria, compliance."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import root
+
+from tensegrity_envs.mechanics import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
+
+UNEQUAL = DualTriangleDesign(0.05, 0.04, 0.06, 0.05, 500.0, 450.0, 0.055, 0.05)
+ARMS = [(ZHAO2021_CAPTION, 2), (UNEQUAL, 4), (ZHAO2021_CAPTION, 5)]
+
+
+def loaded(arm, rng, torque=False):
+    """A posture, a load with or without a torque, and the free lengths that hold the one under the other."""
+    q = tuple(rng.uniform(-0.6, 0.6, arm.segments).tolist())
+    size = 0.3 * float(arm.straight_critical_loads()[0])
+    load = tuple((size * rng.normal(size=2)).tolist()) + ((0.2 * float(rng.normal()),) if torque else ())
+    return q, load, tuple(map(float, arm.free_lengths(arm.control(q, load))))
+
+
+@pytest.mark.parametrize(("design", "segments"), ARMS)
+def test_the_load_and_the_posture_follow_from_the_tip(design, segments):
+    arm, rng, limit = DualTriangle(design, segments), np.random.default_rng(segments), float(design.joint_limit)
+    for _ in range(3):
+        q, load, lengths = loaded(arm, rng)
+        x, y = arm.tip(q)
+        states = arm.identify(x, y, lengths)
+        known = np.array([[*s.configuration, *s.load] for s in states])
+        assert np.abs(known - np.array([*q, *load])).max(axis=1).min() < 1e-7
+        for state in states:
+            assert arm.tip(state.configuration) == pytest.approx((x, y), abs=1e-9)
+            assert np.abs(arm.energy_gradient(state.configuration, lengths, state.load)).max() < 1e-9
+            stiffness = np.array(arm.stiffness_matrix(state.configuration, lengths, state.load))
+            assert state.is_stable == (np.linalg.eigvalsh(stiffness)[0] > 0)
+
+        def equations(z, lengths=lengths, x=x, y=y):
+            here, force = tuple(z[:segments]), tuple(z[segments:])
+            px, py = arm.tip(here)
+            return [*arm.energy_gradient(here, lengths, force), px - x, py - y]
+
+        for begin in rng.uniform(-limit, limit, (20, segments)):
+            found = root(equations, np.append(begin, [0.0, 0.0]), tol=1e-13)
+            if np.abs(found.fun).max() < 1e-10 and np.abs(found.x[:segments]).max() < limit - 1e-6:
+                assert np.abs(known[:, :segments] - found.x[:segments]).max(axis=1).min() < 1e-6
+
+
+@pytest.mark.parametrize(("design", "segments"), [*ARMS, (UNEQUAL, 3), (UNEQUAL, 1)])
+def test_a_torque_at_the_tip(design, segments):
+    arm, rng = DualTriangle(design, segments), np.random.default_rng(10 + segments)
+    for _ in range(3):
+        q, load, lengths = loaded(arm, rng, torque=True)
+        gradient = np.array(arm.energy_gradient(q, lengths, load))
+        assert np.abs(gradient).max() < 1e-12
+        # Any posture: gradient and Hessian by differences of the energy, whose torque term is minus torque times turn
+        here = rng.uniform(-0.8, 0.8, segments)
+        turned = arm.potential_energy(tuple(here), lengths, load) - arm.potential_energy(tuple(here), lengths, load[:2])
+        assert turned == pytest.approx(-load[2] * here.sum(), abs=1e-12)
+        h, eye = 1e-5, np.eye(segments)
+        for i in range(segments):
+            energies = [arm.potential_energy(tuple(here + sign * h * eye[i]), lengths, load) for sign in (1, -1)]
+            slope = (energies[0] - energies[1]) / (2 * h)
+            assert arm.energy_gradient(tuple(here), lengths, load)[i] == pytest.approx(slope, abs=1e-7)
+        np.testing.assert_array_equal(
+            arm.stiffness_matrix(tuple(here), lengths, load), arm.stiffness_matrix(tuple(here), lengths, load[:2])
+        )
+        rest = arm.equilibrium(lengths, q, load)
+        if arm.stability_margin(q, lengths, load) > 0:
+            np.testing.assert_allclose(rest.configuration, q, atol=1e-7)
+        listed = arm.equilibria(lengths, load)
+        assert min(np.abs(np.subtract(e.configuration, q)).max() for e in listed) < 1e-7
+        limit = float(design.joint_limit)
+        for begin in rng.uniform(-limit, limit, (20, segments)):
+            found = root(lambda z, lengths=lengths, load=load: arm.energy_gradient(tuple(z), lengths, load), begin)
+            if np.abs(found.fun).max() < 1e-11 and np.abs(found.x).max() < limit - 1e-6:
+                assert min(np.abs(np.subtract(e.configuration, found.x)).max() for e in listed) < 1e-6
+
+
+@pytest.mark.parametrize(("design", "segments"), [*ARMS, (UNEQUAL, 3)])
+def test_compliance_by_differences_of_loaded_equilibria(design, segments):
+    arm, rng = DualTriangle(design, segments), np.random.default_rng(20 + segments)
+    for torque in (False, True):
+        q, load, lengths = loaded(arm, rng, torque)
+        assert arm.stability_margin(q, lengths, load) > 0
+        columns, force = [], 1e-4
+        for axis in range(2):
+            tips = []
+            for sign in (1, -1):
+                more = list(load)
+                more[axis] += sign * force
+                tips.append(np.array(arm.tip(arm.equilibrium(lengths, q, tuple(more)).configuration)))
+            columns.append((tips[0] - tips[1]) / (2 * force))
+        expected = np.stack(columns, axis=1)
+        np.testing.assert_allclose(arm.compliance(q, lengths, load), expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_loads_of_a_wrong_size_are_named():
+    arm = DualTriangle(segments=4)
+    with pytest.raises(ValueError, match=r"load: 4 numbers, must be 2 or 3"):
+        arm.energy_gradient((0.0,) * 4, (0.05,) * 8, (0.0,) * 4)
+    with pytest.raises(ValueError, match="finite"):
+        arm.equilibrium((0.05,) * 8, (0.0,) * 4, (0.0, 0.0, math.nan))
+    with pytest.raises(ValueError, match="two segments or more"):
+        DualTriangle(segments=1).identify(0.1, 0.0, (0.05,) * 2)
