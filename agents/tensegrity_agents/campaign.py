@@ -180,6 +180,18 @@ def _cpu_seconds(home: Path) -> float | None:
     return round(float(json.loads(path.read_text())), 1) if path.is_file() else None
 
 
+def sorted_out(tasks: Sequence[Task], records: Path) -> tuple[list[tuple[Task, Record]], list[Task]]:
+    """The rows that are there, and those still to be measured.
+
+    Args:
+        tasks: the rows.
+        records: see `measure`.
+    """
+    found = [(task, task.kept(records)) for task in tasks]
+    there = [(task, record) for task, record in found if record is not None]
+    return there, [task for task, record in found if record is None]
+
+
 def run_campaign(
     tasks: Sequence[Task], results: Path, records: Path, progress: Progress, jobs: int = 1
 ) -> Iterator[tuple[Task, Record | Exception]]:
@@ -192,13 +204,8 @@ def run_campaign(
         progress: called while it works.
         jobs: processes; with one, rows are measured in this one.
     """
-    todo = []
-    for task in tasks:
-        kept = task.kept(records)
-        if kept is None:
-            todo.append(task)
-        else:
-            yield task, kept
+    there, todo = sorted_out(tasks, records)
+    yield from there
     if jobs == 1:
         for task in todo:
             try:

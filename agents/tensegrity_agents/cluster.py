@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from tensegrity_agents.campaign import Task, measure, silent
+from tensegrity_agents.campaign import Task, measure, silent, sorted_out
 from tensegrity_agents.config import ConfigError, Experiment
 from tensegrity_agents.evaluation.records import Record, read_record
 from tensegrity_agents.evaluation.results import Progress
@@ -139,13 +139,8 @@ def run_on_cluster(
             ray.get_runtime_context().get_node_id(), soft=False
         )
         keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=here).remote(results.absolute())
-        todo = []
-        for task in tasks:
-            kept = task.kept(records)
-            if kept is None:
-                todo.append(task)
-            else:
-                yield task, kept
+        there, todo = sorted_out(tasks, records)
+        yield from there
         begun = {}
         for task in todo:
             row = ray.remote(measure_apart).options(num_cpus=task.experiment.train.threads, max_retries=RETRIES)
