@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import ks_2samp
 
 from tensegrity_agents.controllers import make_controller
-from tensegrity_agents.controllers.dual_triangle import PseudoInverse
+from tensegrity_agents.controllers.dual_triangle import ClosedFormSquares, PseudoInverse
 from tensegrity_envs import termination_reason
 from tensegrity_envs.mechanics import ZHAO2021_CAPTION, ZHAO2021_TEXT, DualTriangle, DualTriangleDesign
 
@@ -185,12 +185,13 @@ def test_targets_cover_the_workspace_and_are_reachable(design):
 
 
 @pytest.mark.parametrize("segments", [2, 4, 5])
-def test_an_arm_of_any_number_of_segments_reaches_its_targets_by_its_pseudo_inverse(segments):
+@pytest.mark.parametrize("maker", [PseudoInverse, ClosedFormSquares])
+def test_an_arm_of_any_number_of_segments_reaches_its_targets(segments, maker):
     envs = make_vec(REACH, 32, segments=segments)
     core = envs.unwrapped.core
     assert core.task.tolerance == pytest.approx(0.003 * segments / 3)
     assert envs.single_action_space.shape == (segments,)
-    controller = PseudoInverse(core)
+    controller = maker(core)
     observation, info = envs.reset(seed=0)
     assert info["configuration"].shape == (32, segments)
     arm = DualTriangle(segments=segments)
@@ -222,6 +223,19 @@ def test_targets_of_any_number_of_segments_can_be_chosen_and_those_out_of_reach_
         gym.make(PUSH, segments=5)
     with pytest.raises(ValueError, match="of three segments, not of 5"):
         make_controller("oracle", REACH, {"segments": 5})
+
+
+def test_five_segments_settle_in_mujoco_where_they_are_in_equilibrium():
+    pytest.importorskip("mujoco")
+    env = gym.make("tensegrity/DualTriangleReachMuJoCo-v0", segments=5, dynamics={"joint_damping": 0.1}).unwrapped
+    _, info = env.reset(seed=1)
+    for step in range(1000):
+        _, _, terminated, _, info = env.step(0.3 * (-1.0) ** np.arange(5) * (step < 20))
+        assert not terminated
+    arm = DualTriangle(segments=5)
+    lengths = arm.free_lengths(tuple(info["control_inputs"].tolist()))
+    rest = arm.equilibrium(lengths, tuple(info["configuration"].tolist()))
+    np.testing.assert_allclose(info["configuration"], rest.configuration, atol=1e-4)
 
 
 def test_designs_that_cannot_be_used_are_refused():

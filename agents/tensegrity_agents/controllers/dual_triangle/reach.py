@@ -63,7 +63,7 @@ class ReachController(AnalyticController[Memory]):
         if self.nominal.segments != 3 and not self.any_segments:
             raise ValueError(
                 f"{type(self).__name__}: plans along the self-motion curves of three segments, not of "
-                f"{self.nominal.segments}; pseudo_inverse and random take any number"
+                f"{self.nominal.segments}; the closed forms, pseudo_inverse and random take any number"
             )
         self.bound = self.input_bounds()[1]
         # Up to here the unloaded arm can be held, too; beyond its joint limit an episode ends.
@@ -107,6 +107,7 @@ class ClosedForm(ReachController):
     The optimum is exact and within the limits of joints and free lengths, which the paper's are not.
     """
 
+    any_segments = True
     objective: Objective = "squares"
 
     def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
