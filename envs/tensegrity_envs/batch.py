@@ -106,6 +106,12 @@ class Batch(Interface):
             return self._step(episodes, states, actions)
         if self.randomization.is_noisy:
             states = self._with_noise(episodes, states, 1)
+        return self.moved(episodes, states, actions, threads)
+
+    def moved(
+        self, episodes: np.ndarray, states: np.ndarray, actions: np.ndarray, threads: Threads | None = None
+    ) -> np.ndarray:
+        """The same for one who looks ahead: the noise stays what it was, and is not drawn."""
         if self.engine is None:
             given = episodes, states, actions
             outcomes = self._step(*given) if threads is None else threads(self._step, *given)

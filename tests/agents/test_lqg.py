@@ -213,27 +213,6 @@ def test_estimates_are_those_of_the_simulation(env_id):
     assert plant.read(states)[0, : plant.joints] == pytest.approx(info["configuration"], abs=2e-3)
 
 
-def test_hidden_parameters_do_not_reach_the_controller():
-    """Another arm behind the same observations: the same actions."""
-    env_id = IDS[1]
-    envs = [gym.make_vec(env_id, 2, vectorization_mode="vector_entry_point", level=2) for _ in range(2)]
-    first, other = [env.reset(seed=seed)[0] for env, seed in zip(envs, (1, 99), strict=True)]
-    controllers = [make_controller("lqg", env_id, {"level": 2}) for _ in range(2)]
-    for controller, env in zip(controllers, envs, strict=True):
-        controller.begin_episodes(np.ones(2, bool), env.unwrapped.design, None)
-        assert not controller.wants_privileged
-    assert not np.array_equal(first["observation"], other["observation"])
-    states = [None, None]
-    for _ in range(3):
-        actions = []
-        for i, controller in enumerate(controllers):
-            action, states[i] = controller.predict(first, states[i], None if states[i] is None else np.zeros(2, bool))
-            actions.append(action)
-        np.testing.assert_array_equal(*actions)
-        first = envs[0].step(actions[0].astype(np.float32))[0]
-        envs[1].step(actions[0].astype(np.float32))
-
-
 @pytest.mark.parametrize("env_id", IDS)
 def test_it_settles_sooner_than_the_regulator(env_id):
     settled = {}

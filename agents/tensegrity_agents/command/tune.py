@@ -33,4 +33,5 @@ def main(
             tried = tune(controller, env_id, episodes, given, report)
         for one in tried[:10]:
             settings = ", ".join(f"{name} = {value:g}" for name, value in one.settings.items())
-            say(f"{one.success:6.1%}  {settings}")
+            settling = f"  settles in {one.settling:.2f} s" if one.settling else ""
+            say(f"{one.success:6.1%}{settling}  {settings}")

@@ -27,6 +27,9 @@ BASELINES, DYNAMIC, TEACHERS = _collected("BASELINES"), _collected("DYNAMIC"), _
 # Those that are registered for one id, by that id.
 _OWN: Makers = {}
 
+# Of uncertain ids, by their names: those that only they need.
+_UNCERTAIN = _collected("UNCERTAIN")
+
 # Of uncertain ids, by their names: who is told all that was drawn. It says how much of an error is due to not knowing.
 _INFORMED = _collected("INFORMED")
 
@@ -44,8 +47,8 @@ def baselines_of(env_id: str) -> dict[str, Callable[[Core], Any]]:
     kwargs = gym.spec(env_id).kwargs
     table = DYNAMIC if kwargs.get("backend", "quasi_static") == "mujoco" else BASELINES
     found = _OWN.get(env_id) or table.get(kwargs["arm"], {})
-    informed = _INFORMED.get(env_id.removeprefix("tensegrity/").removesuffix("-v0"), {})
-    return {**found, **informed} | {"random": RandomController}
+    name = env_id.removeprefix("tensegrity/").removesuffix("-v0")
+    return {**found, **_UNCERTAIN.get(name, {}), **_INFORMED.get(name, {})} | {"random": RandomController}
 
 
 def register_baselines(env_id: str, baselines: Mapping[str, Callable[[Core], Any]]) -> None:

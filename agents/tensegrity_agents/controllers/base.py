@@ -73,6 +73,17 @@ def with_rows(memory: Memory | None, index: np.ndarray, new: Memory) -> Memory:
     return merged
 
 
+def rows_where(mask: np.ndarray, chosen: Batch, others: Batch) -> Batch:
+    """Of two batches of the same form, the rows of the first where the mask (n,) says so, else those of the second."""
+    given = tree_leaves(chosen, is_array)
+
+    def mixed(values: np.ndarray) -> np.ndarray:
+        return np.where(mask.reshape(-1, *(1,) * (values.ndim - 1)), next(given), values)
+
+    merged: Batch = tree_map(mixed, others, is_array)
+    return merged
+
+
 class AnalyticController(ABC, Generic[Memory]):
     """Reads the observation, remembers what it needs, acts. Subclasses say how.
 

@@ -13,7 +13,7 @@ from tensegrity_envs.core import Core
 
 FACTORS = ("stiffness", "mass", "damping", "friction", "bandwidth")
 _LOGARITHMIC = ("damping", "friction")
-GRID = 0.02  # of the prior's deviation: estimates that are closer share a model
+_GRID = 0.02  # of the prior's deviation: estimates that are closer share a model
 _KEPT = 4000  # models
 
 
@@ -70,7 +70,7 @@ class BelievedPlant:
         """MuJoCo's models of n arms, to within a hundredth of the prior's deviation; None if nothing is uncertain."""
         if not self.names:
             return None
-        unit = GRID * np.sqrt(self.variance)
+        unit = _GRID * np.sqrt(self.variance)
         places = np.round(estimates / unit)
         return [self._model(tuple(place), unit) for place in places.tolist()]
 

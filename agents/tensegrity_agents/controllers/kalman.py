@@ -16,11 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.believed_plant import GRID, BelievedPlant
+from tensegrity_agents.controllers.believed_plant import BelievedPlant
 from tensegrity_envs.observation import DecodedObservation
 
 _ANGLE_STEP, _RATE_STEP = 1e-4, 1e-3  # of differences [rad], [rad/s]
-_SHARE = 10 * GRID  # of differences in parameters, of their deviation
+_SHARE = 0.5  # of differences in parameters, of their deviation
 FLOOR = 1e-4  # [rad] or [m]: errors of angles and tips that are reckoned with at least
 RATE_FLOOR = 0.03  # [rad/s]
 _DRIFT = 1e-4  # [rad]: error of a step in the angles
@@ -89,27 +89,13 @@ class ArmFilter:
 
     def moved(self, belief: Belief, inputs: np.ndarray) -> Belief:
         """What is believed a step later, in which these inputs (n, inputs) were commanded."""
-        plant, joints = self.plant, self.joints
-        estimates = self.estimates(belief)
+        plant, estimates = self.plant, self.estimates(belief)
         share = plant.follows(estimates)[:, None]
         reached = belief.reached + share * (inputs - belief.reached)
         if not self.is_needed:
             return belief._replace(reached=reached)
-        n, size = belief.mean.shape
-        steps = np.array([_ANGLE_STEP] * joints + [_RATE_STEP] * joints + list(_SHARE * np.sqrt(plant.variance)))
-        lags = np.zeros((size + 1, 1, 1))
-        if "bandwidth" in plant.names:
-            lags[1 + 2 * joints + plant.names.index("bandwidth")] = steps[2 * joints + plant.names.index("bandwidth")]
-        points = belief.mean + np.concatenate([np.zeros((1, size)), np.diag(steps)])[:, None]
-        began = (belief.reached + lags * belief.lag).reshape(-1, inputs.shape[1])
-        flat = points.reshape(-1, size)
-        models = self._models(points)
-        states = plant.states(flat[:, :joints], flat[:, joints : 2 * joints], plant.actuation(began))
-        ends = plant.read(plant.moved(states, np.tile(plant.actuation(inputs), (size + 1, 1)), models))
-        ends = ends.reshape(size + 1, n, 2 * joints)
-        slopes = np.tile(np.eye(size), (n, 1, 1))
-        slopes[:, : 2 * joints] = ((ends[1:] - ends[0]) / steps[:, None, None]).transpose(1, 2, 0)
-        mean = np.concatenate([ends[0], estimates], axis=1)
+        slopes, end = self._slopes(belief, inputs)
+        mean = np.concatenate([end, estimates], axis=1)
         covariance = slopes @ belief.covariance @ slopes.transpose(0, 2, 1) + self.drift
         lag = belief.lag
         if "bandwidth" in plant.names:
@@ -120,16 +106,37 @@ class ArmFilter:
             lag = (1 - share) * lag + slope * (inputs - belief.reached)
         return Belief(mean, covariance, reached, lag)
 
-    def _models(self, points: np.ndarray) -> list[object] | None:
-        """MuJoCo's models at the points (1 + size, n, size) of the differences."""
-        plant, joints = self.plant, self.joints
-        own = plant.models(points[0, :, 2 * joints :])
-        if own is None:
-            return None
-        models = own * (1 + 2 * joints)
-        for k in range(len(plant.names)):
-            models += plant.models(points[1 + 2 * joints + k, :, 2 * joints :]) or []
-        return models
+    def _slopes(self, belief: Belief, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """F (n, size, size), and angles and rates (n, 2 joints) at the end of a step.
+
+        Derivatives in the parameters are taken about multiples of the differences, whose models are used again.
+        """
+        plant, size = self.plant, 2 * self.joints
+        n, p = len(inputs), len(plant.names)
+        estimates = self.estimates(belief)
+        steps = np.array([_ANGLE_STEP] * self.joints + [_RATE_STEP] * self.joints)
+        units = _SHARE * np.sqrt(plant.variance)
+        near = np.round(estimates / units) * units
+        starts = (
+            belief.mean[:, :size]
+            + np.concatenate([np.zeros((1, size)), np.diag(steps), np.zeros((2 * p, size))])[:, None]
+        )
+        believed = np.concatenate([np.repeat(estimates[None], 1 + size, axis=0), np.repeat(near[None], 2 * p, axis=0)])
+        reached = np.repeat(belief.reached[None], 1 + size + 2 * p, axis=0)
+        for k, name in enumerate(plant.names):
+            for place, sign in ((1 + size + k, 1), (1 + size + p + k, -1)):
+                believed[place, :, k] += sign * units[k]
+                if name == "bandwidth":
+                    reached[place] += sign * units[k] * belief.lag
+        flat = starts.reshape(-1, size)
+        states = plant.states(flat[:, : self.joints], flat[:, self.joints :], plant.actuation(_rows(reached)))
+        commands = np.tile(plant.actuation(inputs), (1 + size + 2 * p, 1))
+        ends = plant.read(plant.moved(states, commands, plant.models(_rows(believed)))).reshape(-1, n, size)
+        slopes = np.tile(np.eye(size + p), (n, 1, 1))
+        slopes[:, :size, :size] = ((ends[1 : 1 + size] - ends[0]) / steps[:, None, None]).transpose(1, 2, 0)
+        between = ends[1 + size : 1 + size + p] - ends[1 + size + p :]
+        slopes[:, :size, size:] = (between / (2 * units[:, None, None])).transpose(1, 2, 0)
+        return slopes, ends[0]
 
     def measured(self, belief: Belief, observed: DecodedObservation) -> Belief:
         """What is believed after a measurement."""
@@ -148,3 +155,8 @@ class ArmFilter:
         mean, covariance = corrected(belief.mean, belief.covariance, off, h, self.noise)
         mean[:, 2 * joints :] = np.clip(mean[:, 2 * joints :], *self.plant.ranges.T)
         return belief._replace(mean=mean, covariance=covariance)
+
+
+def _rows(values: np.ndarray) -> np.ndarray:
+    """Values (k, n, m) as rows (k n, m)."""
+    return values.reshape(-1, values.shape[2])

@@ -24,6 +24,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from tensegrity_agents.controllers.base import rows_where
 from tensegrity_agents.controllers.believed_plant import BelievedPlant
 from tensegrity_agents.controllers.delay_line import Line, first_line, seen, sent
 from tensegrity_agents.controllers.dynamic import Base
@@ -31,7 +32,6 @@ from tensegrity_agents.controllers.kalman import ArmFilter, Belief
 from tensegrity_agents.controllers.regulated import FullSpeed
 from tensegrity_agents.controllers.resting import ends_of_plans
 from tensegrity_agents.controllers.torque_regulator import allocated, effect_of, gain_of, torque_motion
-from tensegrity_envs.compiler.pytree import is_array, tree_leaves, tree_map
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation.mujoco.linearizing import linearize
@@ -157,11 +157,7 @@ class LQG(FullSpeed[LQGMemory]):
         if first.all():
             return memory.belief
         belief = self.filter.measured(self.filter.moved(memory.belief, observed.inputs), observed)
-        kept = tree_leaves(memory.belief, is_array)
-        merged: Belief = tree_map(
-            lambda new: np.where(first.reshape(-1, *(1,) * (new.ndim - 1)), next(kept), new), belief, is_array
-        )
-        return merged
+        return rows_where(first, memory.belief, belief)
 
     def _ahead(self, belief: Belief, line: Line, inputs: np.ndarray) -> tuple[Belief, np.ndarray]:
         """What is believed of the moment when an action that is given now is taken, and the inputs of then."""

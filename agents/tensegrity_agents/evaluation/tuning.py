@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from itertools import product
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_envs.seeding import VALIDATION_SEED
@@ -13,10 +15,17 @@ Progress = Callable[[int, int, float], None]
 
 
 class Tried(NamedTuple):
-    """Settings of a controller, and the share of episodes in which it succeeded with them."""
+    """Settings of a controller, and what it did with them.
+
+    Attributes:
+        settings: by name.
+        success: share of episodes.
+        settling: median settling time [s], infinite where the tip did not stay; 0 where the task has none.
+    """
 
     settings: dict[str, float]
     success: float
+    settling: float = 0.0
 
 
 def tune(
@@ -36,7 +45,7 @@ def tune(
         progress: called after each setting.
 
     Returns:
-        The best first; of equally good ones, the one that comes first in the grid.
+        The best first: by success, then by settling time; of equally good ones, the one that comes first in the grid.
 
     Raises:
         ValueError: there is no such controller, or nothing of it is to be tuned.
@@ -53,7 +62,8 @@ def tune(
         for key, value in settings.items():
             setattr(controller, key, value)
         run = evaluate(controller, env_id, episodes, VALIDATION_SEED, name, env_options=dict(options or {}))
-        tried.append(Tried(settings, float(run.columns["success"].mean())))
+        settling = float(np.median(run.columns["settling_time_s"]))
+        tried.append(Tried(settings, float(run.columns["success"].mean()), 0.0 if np.isnan(settling) else settling))
         if progress is not None:
             progress(len(tried), len(combinations), max(one.success for one in tried))
-    return sorted(tried, key=lambda one: -one.success)
+    return sorted(tried, key=lambda one: (-one.success, one.settling))

@@ -3,6 +3,7 @@
 from functools import partial
 
 from tensegrity_agents.controllers.base import Makers
+from tensegrity_agents.controllers.dual_triangle.beliefs import DualTriangleBeliefs
 from tensegrity_agents.controllers.dual_triangle.informed import Informed
 from tensegrity_agents.controllers.dual_triangle.push import HoldInputs, PushObserver, PushOracle, PushPseudoInverse
 from tensegrity_agents.controllers.dual_triangle.reach import (
@@ -17,6 +18,7 @@ from tensegrity_agents.controllers.dual_triangle.servo import IdentifyingObserve
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.dynamic_servo import OwnRamp, RestingRamp
 from tensegrity_agents.controllers.lqg import LQG
+from tensegrity_agents.controllers.mpc import MPC
 from tensegrity_agents.controllers.regulated import Regulated, Shaped
 
 __all__ = [
@@ -78,7 +80,12 @@ DYNAMIC["DualTriangleFastReach"] = {
     "oracle": partial(Regulated, base=Oracle),
 }
 
-# Of uncertain ids, by their names.
+# Of uncertain ids, by their names, besides those of the arm.
+UNCERTAIN: Makers = {
+    name: {"mpc": partial(MPC, beliefs=DualTriangleBeliefs)} for name in ("DualTriangleLoadedReachUncertain",)
+}
+
+# The same: told everything that was drawn.
 INFORMED: Makers = {
     "DualTriangleLoadedReachUncertain": {"informed": Informed},
     "DualTriangleLoadedReachUncertainMuJoCo": {"informed": partial(OwnRamp, base=Informed)},

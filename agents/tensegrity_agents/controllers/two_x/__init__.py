@@ -6,8 +6,10 @@ from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.dynamic_servo import OwnRamp
 from tensegrity_agents.controllers.lqg import LQG
+from tensegrity_agents.controllers.mpc import MPC
 from tensegrity_agents.controllers.regulated import Regulated, Shaped
 from tensegrity_agents.controllers.two_x import posture
+from tensegrity_agents.controllers.two_x.beliefs import TwoXBeliefs
 from tensegrity_agents.controllers.two_x.informed import Informed
 from tensegrity_agents.controllers.two_x.reach import CarefulOracle, ClosedFormIK, Observer, Oracle, PseudoInverse
 from tensegrity_agents.controllers.two_x.servo import IdentifyingObserver, Servo
@@ -67,7 +69,13 @@ TEACHERS: Makers = {
     "TwoXReach": {"careful_oracle": CarefulOracle},
 }
 
-# Of uncertain ids, by their names.
+# Of uncertain ids, by their names, besides those of the arm.
+UNCERTAIN: Makers = {
+    name: {"mpc": partial(MPC, beliefs=TwoXBeliefs)}
+    for name in ("TwoXTensionReachUncertain", "TwoXPayloadReachUncertain")
+}
+
+# The same: told everything that was drawn.
 INFORMED: Makers = {
     "TwoXTensionReachUncertain": {"informed": Informed},
     "TwoXPayloadReachUncertain": {"informed": Informed},

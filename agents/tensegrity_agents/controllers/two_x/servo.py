@@ -114,7 +114,7 @@ class Servo(AnalyticController[ServoMemory]):
     def _act(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[np.ndarray, ServoMemory]:
         plan, limit = memory.plan, self.nominal.design.joint_limit
         q = configuration_from_tip(self.nominal, observed, plan.configuration)
-        belief = self._updated(memory.belief, q, observed)
+        belief = self.updated(memory.belief, q, observed)
         waypoint, plan = self.planner.next_waypoint(plan.commanded, plan._replace(configuration=q))
         goal = np.clip(waypoint + plan.integral, -limit, limit)
         last = plan.leg == np.array([len(path) - 1 for path in plan.path])
@@ -134,7 +134,7 @@ class Servo(AnalyticController[ServoMemory]):
         plan = plan._replace(commanded=commanded, integral=correction)
         return action, ServoMemory(plan, inputs, rested, belief)
 
-    def _updated(self, belief: Belief, q: np.ndarray, observed: DecodedObservation) -> Belief:
+    def updated(self, belief: Belief, q: np.ndarray, observed: DecodedObservation) -> Belief:
         """What is believed after a measurement; here always the same."""
         return belief
 
@@ -159,12 +159,16 @@ class IdentifyingObserver(Servo):
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> ServoMemory:
         """See `AnalyticController.initial`."""
-        memory, n, ranges = super().initial(observed, index), len(index), self.ranges
-        variance = np.maximum((ranges[:, 1] - ranges[:, 0]) ** 2 / 12, _KNOWN)
-        belief = Belief(np.tile(ranges.mean(axis=1), (n, 1)), np.tile(np.diag(variance), (n, 1, 1)))
-        return memory._replace(belief=belief)
+        return super().initial(observed, index)._replace(belief=self.prior(len(index)))
 
-    def _updated(self, belief: Belief, q: np.ndarray, observed: DecodedObservation) -> Belief:
+    def prior(self, n: int) -> Belief:
+        """What the ranges say of n arms."""
+        ranges = self.ranges
+        variance = np.maximum((ranges[:, 1] - ranges[:, 0]) ** 2 / 12, _KNOWN)
+        return Belief(np.tile(ranges.mean(axis=1), (n, 1)), np.tile(np.diag(variance), (n, 1, 1)))
+
+    def updated(self, belief: Belief, q: np.ndarray, observed: DecodedObservation) -> Belief:
+        """What is believed after a measurement in q (n, 2) [rad]."""
         if self.control == "joint":
             return belief  # the stiffest tensions follow the joints there, and nothing has to be known of the arm
         columns, tensions, design = tuple(q.T), tuple(observed.tensions.T), self.nominal.design
