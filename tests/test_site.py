@@ -5,7 +5,9 @@ import json
 import re
 import subprocess
 import sys
+from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pytest
 import yaml
@@ -84,3 +86,41 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-W", "-D", "nb_execution_mode=off", str(DOCS), str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=900)
     assert done.returncode == 0, done.stderr
+    assert not list(broken_links(tmp_path))
+
+
+class Anchors(HTMLParser):
+    """What a page links to, and what can be linked to in it."""
+
+    def __init__(self):
+        super().__init__()
+        self.links, self.ids = [], set()
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.ids.add(given.get("id"))
+        self.links += [given[name] for name in ("href", "src") if given.get(name)]
+
+
+def broken_links(site):
+    """(page, link) of all local links that lead nowhere, to a part of a page included."""
+    pages = {path: Anchors() for path in site.rglob("*.html")}
+    for path, found in pages.items():
+        found.feed(path.read_text())
+    for path, found in pages.items():
+        for link in found.links:
+            parts = urlsplit(link)
+            if parts.scheme:
+                continue
+            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            missing = parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].ids
+            if missing or not target.exists():
+                yield path.name, link
+
+
+def test_broken_links_are_found(tmp_path):
+    (tmp_path / "a.html").write_text('<p id="here"></p><a href="b.html#there">b</a><img src="c.png"><a href="#here">')
+    assert len(list(broken_links(tmp_path))) == 2
+    (tmp_path / "b.html").write_text('<a href="a.html#nowhere">a</a> <a href="https://no.where">')
+    (tmp_path / "c.png").write_bytes(b"")
+    assert {link for _, link in broken_links(tmp_path)} == {"b.html#there", "a.html#nowhere"}
