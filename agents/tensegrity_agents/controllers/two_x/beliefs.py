@@ -46,5 +46,9 @@ class TwoXBeliefs:
     def goals(self, belief: Believed, episode: Episode) -> np.ndarray:
         """See `mpc.Beliefs`: the stiffest tensions of the solutions."""
         arm, design = self.observer.core.mechanism(episode.design), self.observer.nominal.design
-        held = [np.stack(arm.stiffest_tensions(q), axis=1) for q in episode.solutions]
+        held = []
+        for q in episode.solutions:  # infinite where there are fewer
+            there = np.isfinite(np.stack(q)).all(axis=0)
+            tensions = np.stack(arm.stiffest_tensions(tuple(np.where(there, angle, 0.0) for angle in q)), axis=1)
+            held.append(np.where(there[:, None], tensions, np.nan))
         return np.asarray(np.clip(np.stack(held), design.min_tension, design.max_tension))
