@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import shapely
 
+from tensegrity_envs.compiler.kernel import Kernel
+from tensegrity_envs.compiler.pytree import Schema
 from tensegrity_envs.geometry.clearance import Disc, Polygon, Wall, bars_of, clearance, segment_distance
 from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, THREE_X, ZHAO2021_CAPTION, DualTriangle, TwoX
 
@@ -75,3 +77,17 @@ def test_bad_obstacles_are_explained():
     ):
         with pytest.raises(ValueError, match=message):
             make()
+
+
+def test_floats_tensors_and_compiled_code_give_what_arrays_give():
+    torch = pytest.importorskip("torch")
+    arm, rng = ARMS["three_x"], np.random.default_rng(2)
+    q = tuple(rng.uniform(-2.6, 2.6, (3, 50)))
+    obstacles = (Disc((0.3, 0.4), 0.1), random_polygon(rng), Wall((0.0, -0.3), (0.1, 1.0)))
+    expected = clearance(arm, q, obstacles)
+    compiled = Kernel(lambda q: clearance(arm, q, obstacles), Schema(q))(np.stack(q))[0]
+    np.testing.assert_allclose(compiled, expected, atol=1e-12)
+    tensors = clearance(arm, tuple(torch.as_tensor(angle) for angle in q), obstacles)
+    np.testing.assert_allclose(tensors, expected, atol=1e-12)
+    floats = [clearance(arm, tuple(float(angle[i]) for angle in q), obstacles) for i in range(50)]
+    np.testing.assert_allclose(floats, expected, atol=1e-12)

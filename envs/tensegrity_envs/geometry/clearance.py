@@ -89,10 +89,11 @@ class Polygon:
         normals += [across, (-across[0], -across[1])]
         gaps = []
         for nx, ny in normals:
-            extent = reduce(xp.maximum, [nx * x + ny * y for x, y in self.corners])
+            own = namespace_of(nx, ny)  # of an edge's normal these may be floats where the segment is tensors
+            extent = reduce(own.maximum, [nx * x + ny * y for x, y in self.corners])
             gap = xp.minimum(nx * ax + ny * ay, nx * bx + ny * by) - extent
             square = nx * nx + ny * ny
-            gaps.append(xp.where(square > 0, gap / xp.sqrt(xp.where(square > 0, square, 1.0)), _FAR_INSIDE))
+            gaps.append(own.where(square > 0, gap / own.sqrt(own.where(square > 0, square, 1.0)), _FAR_INSIDE))
         gap = reduce(xp.maximum, gaps)
         return xp.where(gap < 0, gap, apart)
 
@@ -154,7 +155,7 @@ def point_distance(point: Point, segment: Segment) -> Component:
     dx, dy, px, py = bx - ax, by - ay, point[0] - ax, point[1] - ay
     xp = namespace_of(dx, dy, px, py)
     square = dx * dx + dy * dy
-    share = (px * dx + py * dy) / xp.where(square > 0, square, 1.0)
+    share = (px * dx + py * dy) / namespace_of(square).where(square > 0, square, 1.0)
     share = xp.minimum(xp.maximum(share, 0.0), 1.0)
     return xp.hypot(px - share * dx, py - share * dy)
 
