@@ -143,7 +143,7 @@ def test_command_line_says_what_is_wrong(tmp_path):
     command = [sys.executable, "scripts/analyze.py", "two-x", "--design", "furet2018,b=2", "--out", str(tmp_path)]
     shown = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert shown.returncode == 2
-    assert "error:" in shown.stdout
+    assert "error:" in shown.stderr
     assert "Traceback" not in shown.stdout + shown.stderr
 
 

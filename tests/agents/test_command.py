@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 import tensegrity_envs
 from tensegrity_agents.command import SUBCOMMANDS
+from tensegrity_agents.command.list import described, detailed
 from tensegrity_agents.command.program import app, load
 from tensegrity_agents.command_options import completed_ids, find_experiment, shipped_configs
 from tensegrity_agents.config import ConfigError
@@ -75,6 +76,15 @@ def test_list_tells_all_about_one(name):
     code, text = run("list", name)
     assert code == 0
     assert "position of the tip [m]" in text and "tensegrity compare TwoXPayloadReach-v0" in text
+
+
+@pytest.mark.parametrize("env_id", tensegrity_envs.ENV_IDS)
+def test_all_about_one_is_there_for_every_environment(env_id):
+    if "MuJoCo" in env_id:
+        pytest.importorskip("mujoco")
+    row = detailed(described(env_id, ""))
+    assert f"tolerance {row['tolerance']:.5g}" in row["goal"]
+    assert len(row["observed"]) > 0
 
 
 WITH_AN_ENVIRONMENT = ("train", "compare", "evaluate", "transfer", "tune", "watch", "play")

@@ -48,7 +48,7 @@ def detailed(row: dict[str, Any]) -> dict[str, Any]:
     return row | {
         "an_action_of_1": f"moves the {moved} by {simulation.rate:.5g} {simulation.rate_unit} in a step",
         "observed": {name: f"{field.meaning} [{field.unit}]" for name, field in schema.fields.items()},
-        "goal": schema.fields[core.goal_name].meaning,
+        "goal": core.goal_text,
         "tolerance": float(core.task.tolerance),
         "tolerance_unit": "m" if core.error_unit == "mm" else "rad",
         "reward": type(core.task.weights).__name__,
