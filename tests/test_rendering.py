@@ -54,6 +54,17 @@ def test_a_picture_has_the_requested_size_and_three_bytes_per_pixel(size):
     assert np.median(picture) > 245, "the background is light"
 
 
+def test_gauges_legend_and_caption_are_drawn_over_obstacles():
+    """They are what they are without the obstacle that fills the picture."""
+    far = 4 * ARM.reach
+    behind = draw(dataclasses.replace(SCENE, obstacles=[[(-far, -far), (far, -far), (far, far), (-far, far)]]))
+    plain = draw(SCENE)
+    assert len(changed(behind, plain)) > 0.5 * plain.shape[0] * plain.shape[1]
+    np.testing.assert_array_equal(behind[:30], plain[:30])  # the caption
+    for rows, columns in ((slice(550, 556), slice(82, 150)), (slice(563, 568), slice(465, 580))):  # a gauge, the legend
+        np.testing.assert_array_equal(behind[rows, columns], plain[rows, columns])
+
+
 def test_the_same_scene_gives_the_same_pixels():
     first = draw(SCENE)
     draw(scene_of(ARM, (-1.0, 0.3), failure="buckled"))

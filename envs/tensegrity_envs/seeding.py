@@ -134,6 +134,7 @@ def until_found(
     attempt: Callable[[np.ndarray, EpisodeStream], tuple[np.ndarray, np.ndarray]],
     complaint: str,
     most: int = 1000,
+    error: type[Exception] = RuntimeError,
 ) -> np.ndarray:
     """For each of n episodes, the first try that is good. Where few are left, more than one is tried at once.
 
@@ -145,18 +146,19 @@ def until_found(
             (size, m), and whether it is good, shape (m,).
         complaint: message of the error, with a place for how many tries there were.
         most: tries for an episode.
+        error: what is raised where no try was good.
 
     Returns:
         What was found, shape (size, n).
 
     Raises:
-        RuntimeError: no try was good.
+        RuntimeError: no try was good (or `error`).
     """
     pending, tried = np.arange(n), 0
     found: np.ndarray | None = None
     while len(pending) or found is None:
         if tried >= most:
-            raise RuntimeError(complaint.format(most))
+            raise error(complaint.format(most))
         count = min(max(n // (4 * len(pending)), _LANES // len(pending), 1), _LANES, most - tried) if n else 1
         values, good = attempt(np.tile(pending, count), stream.tries(pending, count, draws))
         if found is None:

@@ -135,6 +135,11 @@ def test_obstacles_of_ones_own_are_in_every_episode():
     assert len(env.scene().obstacles) == 3
 
 
+def test_arrays_serve_as_lists_do():
+    arrays = [{key: np.array(value) for key, value in one.items()} for one in (DISC, SQUARE, WALL)]
+    assert TwoXObstacleReach(obstacles=arrays).obstacles == TwoXObstacleReach(obstacles=[DISC, SQUARE, WALL]).obstacles
+
+
 def test_walls_alone_are_not_observed():
     core = TwoXObstacleReach(obstacles=[Wall((-0.3, 0.0), (1.0, 0.0))])
     assert "obstacle_centres" not in core.schema.fields
@@ -174,8 +179,10 @@ def test_bad_obstacles_are_named():
         gym.make(make, control="tension", backend="mujoco")
     with pytest.raises(ValueError, match="no load"):
         gym.make("tensegrity/DualTriangleObstacleReach-v0", load_range=(0.0, 1.0))
-    with pytest.raises(RuntimeError, match="give fewer or smaller ones"):
-        gym.make(make, obstacles=[Wall((0.0, 0.1), (0.0, -1.0)), Wall((0.0, -0.1), (0.0, 1.0))]).reset(seed=0)
+    walls = [Wall((0.0, 0.1), (0.0, -1.0)), Wall((0.0, -0.1), (0.0, 1.0))]
+    for given in (walls, [{"centre": (0.0, 0.0), "radius": 0.1}]):
+        with pytest.raises(ValueError, match="obstacles: those given leave no start and target that can be reached"):
+            gym.make(make, obstacles=given).reset(seed=0)
 
 
 def test_a_start_in_an_obstacle_is_refused():

@@ -141,11 +141,34 @@ def test_stiffness_along_a_direction(env_id):
         gym.make(env_id, direction=(0.0, 0.0))
 
 
+@pytest.mark.parametrize("scale", [1e-300, 1e-170, 1e170, 1e300, 3.0])
+def test_a_direction_counts_by_its_angle_alone(scale):
+    usual, scaled = (gym.make(TWO, direction=(size, size)).reset(seed=0) for size in (1.0, scale))
+    assert np.isfinite(usual[1]["stiffness"])
+    assert scaled[1]["stiffness"] == pytest.approx(usual[1]["stiffness"], rel=1e-12)
+    for name, values in usual[0].items():
+        np.testing.assert_allclose(scaled[0][name], values, rtol=1e-6)
+
+
+def test_the_caption_tells_the_stiffness_and_the_commanded_one():
+    env = gym.make(TWO).unwrapped
+    observation, info = env.reset(seed=0)
+    wanted = env.core.reference * math.exp(float(observation["desired_goal"][2]))
+    assert env.scene().caption.endswith(f"stiffness {info['stiffness']:.3g} N/m, commanded {wanted:.3g}")
+
+
 def test_what_makes_no_sense_is_refused():
     for options, message in (
         ({"control": "joint"}, "control = 'joint'"),
         ({"payload_range": (0.0, 0.3)}, "payload_range"),
-        ({"stiffness_tolerance": 0.0}, "stiffness_tolerance"),
+        *(
+            ({"stiffness_tolerance": given}, f"stiffness_tolerance = {given!r}: must be a positive number.*0.05")
+            for given in (0.0, "a", None, True, math.nan, math.inf)
+        ),
+        *(
+            ({"direction": given}, r"direction = .*: must be two finite numbers \(x, y\).*\(0.0, 1.0\)")
+            for given in ("y", "xy", "12", 0.7, (1.0,), (1, 2, 3), (0.0, 0.0), (math.nan, 1.0), (math.inf, 0.0))
+        ),
         ({"randomization": {"stiffness": (0.9, 1.1)}}, "stiffness"),
     ):
         with pytest.raises(ValueError, match=message):

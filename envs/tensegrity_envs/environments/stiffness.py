@@ -17,7 +17,6 @@ from tensegrity_envs.core import Sampled
 from tensegrity_envs.environments.n_x import NXReach
 from tensegrity_envs.environments.two_x import TwoXReach
 from tensegrity_envs.environments.two_x.sampling import Drawn
-from tensegrity_envs.mechanics.checks import check_finite
 from tensegrity_envs.observation import Divided, Field
 from tensegrity_envs.options import QUASI_STATIC, Options
 from tensegrity_envs.seeding import EpisodeStream
@@ -33,7 +32,7 @@ class StiffnessGoals(TwoXReach):
     """What the environments with a commanded stiffness share: goals (x, y, log(stiffness / reference)).
 
     Attributes:
-        direction: see `TipStiffness.stiffness`.
+        direction: see `TipStiffness.stiffness`; scaled by a power of two, so that its greatest number is from 1 to 2.
         stiffness_tolerance: relative.
         log_tolerance: log(1 + stiffness_tolerance).
         reference: stiffness scale of the design divided by the square of its reach [N/m].
@@ -52,18 +51,20 @@ class StiffnessGoals(TwoXReach):
     def __init__(
         self, direction: Sequence[float] | None = None, stiffness_tolerance: float = 0.05, **options: Any
     ) -> None:
-        if direction is not None:
-            check_finite("direction", direction, 2)
-            if not math.hypot(*direction) > 0:
-                raise ValueError(f"direction = {direction!r}: must not be zero")
-        if not 0 < stiffness_tolerance < math.inf:
-            raise ValueError(f"stiffness_tolerance = {stiffness_tolerance!r}: must be positive")
+        is_number = isinstance(stiffness_tolerance, int | float | np.number) and not isinstance(
+            stiffness_tolerance, bool
+        )
+        if not (is_number and 0 < stiffness_tolerance < math.inf):
+            raise ValueError(
+                f"stiffness_tolerance = {stiffness_tolerance!r}: must be a positive number, a share of the commanded "
+                "stiffness, such as 0.05"
+            )
         control = options.setdefault("control", "tension")
         if control != "tension":
             raise ValueError(f"control = {control!r}: must be 'tension': the cables make the tip as stiff as asked")
         if options.get("payload_range") is not None:
             raise ValueError("payload_range: not with a commanded stiffness, which is that of the nominal arm")
-        self.direction = None if direction is None else tuple(map(float, direction))
+        self.direction = None if direction is None else _scaled(direction)
         self.stiffness_tolerance = float(stiffness_tolerance)
         self.log_tolerance = math.log1p(stiffness_tolerance)
         super().__init__(**options)
@@ -193,7 +194,7 @@ class StiffnessGoals(TwoXReach):
         return super().scene(episode, state) | {
             "target": goal[:2],
             "caption": f"step {int(state.time)}   tip error {self.error_text(error)}   "
-            f"stiffness {here:.3g} of {wanted:.3g} N/m",
+            f"stiffness {here:.3g} N/m, commanded {wanted:.3g}",
         }
 
 
@@ -237,3 +238,25 @@ class NXStiffnessReach(StiffnessGoals, NXReach):
         self, direction: Sequence[float] | None = None, stiffness_tolerance: float = 0.05, **options: Any
     ) -> None:
         super().__init__(direction, stiffness_tolerance, **options)
+
+
+def _scaled(direction: Sequence[float]) -> tuple[float, float]:
+    """The direction with its greatest number from 1 to 2: its square neither overflows nor vanishes.
+
+    A power of two scales it, so that no digit of the stiffness changes.
+
+    Raises:
+        ValueError: it is not two finite numbers, or both are zero.
+    """
+    try:
+        x, y = (float(value) for value in (() if isinstance(direction, str) else direction))
+    except (TypeError, ValueError, OverflowError):
+        x = y = math.nan
+    greatest = max(abs(x), abs(y))
+    if not (math.isfinite(x) and math.isfinite(y) and greatest > 0):
+        raise ValueError(
+            f"direction = {direction!r}: must be two finite numbers (x, y) that are not both zero, such as (0.0, 1.0), "
+            "or None for the direction in which the tip gives way most"
+        )
+    exponent = 1 - math.frexp(greatest)[1]
+    return math.ldexp(x, exponent), math.ldexp(y, exponent)

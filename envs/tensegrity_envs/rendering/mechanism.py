@@ -24,8 +24,6 @@ def draw_mechanism(canvas: Canvas, scene: Scene) -> None:
     for corners, colour, share in scene.faces:
         if share >= 1:
             canvas.polygon([view.pixel(corner) for corner in corners], colour)
-    for corners in scene.obstacles:
-        canvas.polygon([view.pixel(corner) for corner in corners], mix(BAD, 0.25))
     canvas.path([view.pixel(position) for position in scene.curve], 1.6 * view.unit, mix(TARGET, 0.45))
     trace = [view.pixel(position) for position in scene.trace[-_TRACE_LENGTH:]]
     for i, (start, end) in enumerate(pairwise(trace)):

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tensegrity_envs.rendering.canvas import Canvas
-from tensegrity_envs.rendering.colours import AXIS, BAD, FAINT, GOOD, GRID, INK, PAPER, tension_colour
+from tensegrity_envs.rendering.colours import AXIS, BAD, FAINT, GOOD, GRID, INK, PAPER, mix, tension_colour
 from tensegrity_envs.rendering.mechanism import draw_mechanism
-from tensegrity_envs.rendering.scene import Scene, View
+from tensegrity_envs.rendering.scene import Point, Scene, View
 
 if TYPE_CHECKING:
     from pygame import Surface
@@ -43,7 +43,8 @@ def paint(scene: Scene, size: tuple[int, int]) -> "Surface":
     coloured = {member.kind for member in scene.members if member.kind == "cable" or member.name in scene.tensions}
     legend = next((text for kind, text in _LEGENDS.items() if kind in coloured), "spring force [N]")
     legend = "force [N]" if {"actuator", "cable"} <= coloured else legend
-    canvas = Canvas(view, _background(view, scene.tension_bounds if coloured else None, legend).copy())
+    obstacles = tuple(tuple((float(x), float(y)) for x, y in corners) for corners in scene.obstacles)
+    canvas = Canvas(view, _background(view, scene.tension_bounds if coloured else None, legend, obstacles).copy())
     _draw_gauges(canvas, scene)
     canvas.surface.set_clip((0, round(view.strip + view.unit), canvas.width, canvas.height))
     draw_mechanism(canvas, scene)
@@ -53,8 +54,10 @@ def paint(scene: Scene, size: tuple[int, int]) -> "Surface":
 
 
 @lru_cache(maxsize=4)
-def _background(view: View, bounds: tuple[float, float] | None, legend: str) -> "Surface":
-    """What stays the same from picture to picture: grid, scale bar, colour bar."""
+def _background(
+    view: View, bounds: tuple[float, float] | None, legend: str, obstacles: tuple[tuple[Point, ...], ...]
+) -> "Surface":
+    """What stays the same from picture to picture: grid, obstacles, and over them scale bar and colour bar."""
     import pygame
 
     surface = pygame.Surface((view.zoom * view.size[0], view.zoom * view.size[1]), 0, 32)
@@ -65,6 +68,8 @@ def _background(view: View, bounds: tuple[float, float] | None, legend: str) -> 
         canvas.box(x0 + i * step - 0.5 * u, 0, max(u, 1), canvas.height, GRID if i else AXIS)
     for i in range(math.ceil(-y0 / step), math.floor((canvas.height - y0) / step) + 1):
         canvas.box(0, y0 + i * step - 0.5 * u, canvas.width, max(u, 1), GRID if i else AXIS)
+    for corners in obstacles:
+        canvas.polygon([view.pixel(corner) for corner in corners], mix(BAD, 0.25))
     canvas.box(0, 0, canvas.width, view.strip, PAPER)
     canvas.box(0, view.strip, canvas.width, max(u, 1), AXIS)
 

@@ -16,7 +16,8 @@ def checked_obstacles(given: Any) -> int | tuple[Obstacle, ...]:
     """The number of discs that are drawn for each episode, or the obstacles of all episodes.
 
     Args:
-        given: a number, or a sequence of obstacles; each may be a mapping of its fields, as JSON has it.
+        given: a number, or a sequence of obstacles; each may be a mapping of its fields, as JSON has it, or with
+            arrays in place of lists.
 
     Raises:
         ValueError: it is neither, or an obstacle is not well-formed; the message says which.
@@ -53,5 +54,6 @@ def _obstacle(given: Any, name: str) -> Obstacle:
 
 
 def _tupled(value: Any) -> Any:
-    """Numbers as floats, lists as tuples."""
+    """Numbers as floats, lists and arrays as tuples."""
+    value = value.tolist() if isinstance(value, np.ndarray) else value
     return tuple(_tupled(part) for part in value) if isinstance(value, list | tuple) else float(value)

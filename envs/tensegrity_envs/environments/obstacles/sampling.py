@@ -24,6 +24,12 @@ _FIRST_DRAW = 1 << 23  # beyond all other draws of an episode
 _APART = 1 << 22  # draws of a disc at most
 _KEYS = 2.0**53
 _MOST = 4000  # tries
+_NO_DRAW = "obstacles: no start and target found clear of them in {} draws: give fewer or smaller ones", RuntimeError
+_NO_ROOM = (
+    "obstacles: those given leave no start and target that can be reached (none found in {} draws): give smaller ones, "
+    "or ones that are farther from the base",
+    ValueError,
+)
 
 
 class Solvable(Protocol):
@@ -114,7 +120,8 @@ class ObstacleSampler:
             The episodes as `Solvable.solved` returns them, and their obstacles.
 
         Raises:
-            RuntimeError: there were none that keep clear of the obstacles.
+            ValueError: none keeps clear of the obstacles that were given.
+            RuntimeError: there were none that keep clear of the discs that are drawn.
         """
         n, joints = len(seed), self.joints
         streams = [EpisodeStream(seed, episode, _FIRST_DRAW + k * _APART) for k in range(max(self.count, 1))]
@@ -122,8 +129,8 @@ class ObstacleSampler:
         def attempt(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
             return self._try(episode[owner], here)
 
-        complaint = "obstacles: no start and target found clear of them in {} draws: give fewer or smaller ones"
-        found = until_found(streams[0], n, 1 + _CANDIDATES * (joints + _NUMBERS), attempt, complaint, _MOST)
+        complaint, kind = _NO_ROOM if self.given else _NO_DRAW
+        found = until_found(streams[0], n, 1 + _CANDIDATES * (joints + _NUMBERS), attempt, complaint, _MOST, kind)
         path = Path(*found[1 : 1 + 3 * joints].reshape(3, joints, n))
         discs = found[1 + 3 * joints :]
 
