@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_envs.core import Core
+from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.simulation.dynamic import DynamicControl
 from tensegrity_envs.simulation.protocol import RUNNING
 
@@ -77,22 +78,33 @@ def linearize(
         posture: configuration [rad], an equilibrium; None for that of the environment at this moment.
         inputs: that hold it, tensions [N] or lengths [m]; None for the usual ones.
         load: at the tip [N]; None for none, or without a posture for that of the present episode.
-        design: of an environment's mechanism; None for the nominal one, or without a posture for that of the episode.
+        design: of an environment's mechanism, see `mechanics.designs.resolve_design`; None for the nominal one, or
+            without a posture for that of the episode.
 
     Returns:
         The model.
 
     Raises:
-        ValueError: sizes are wrong, a number is not finite, the posture is no stable equilibrium under these inputs and
-            load, or the inputs must be told.
+        ValueError: sizes are wrong, a number is not finite, the posture is beyond the joint limits or no stable
+            equilibrium under these inputs and load, the inputs must be told, or inputs or a load are given where
+            actions turn the joints themselves.
+        TypeError: the design is none, or one of another mechanism.
     """
     core: Core | None
     env = getattr(env, "unwrapped", env)
     core = env if isinstance(env, Core) else getattr(env, "core", None)
     if core is None and not hasattr(env, "stiffness_matrix"):
         raise ValueError(f"linearize: {type(env).__name__} is neither an environment, nor its core, nor a mechanism")
-    if core is not None and design is None and posture is not None:
-        design = core.design
+    if core is not None and (design is not None or posture is not None):
+        design = resolve_design(design, core.design)
+    if core is not None and not hasattr(core.simulation, "actuation"):
+        for name, value in (("inputs", inputs), ("load", load)):
+            if value is not None:
+                raise ValueError(
+                    f"linearize: {name} = {value!r}: must not be given in joint control, where actions turn the joints "
+                    "themselves and nothing depends on it"
+                )
+    is_told = posture is not None
     if posture is None:
         if core is None or not hasattr(env, "get_state"):
             raise ValueError("linearize: posture must be given unless the environment runs an episode")
@@ -104,6 +116,8 @@ def linearize(
         load = tuple(episode.load_at(state.time)) or None if load is None else load
     mechanism = env if core is None else core.mechanism(design)
     q = _numbers("posture", posture)
+    if is_told:  # dynamics may carry a running arm beyond
+        _check_limits(mechanism, q)
     force = None if load is None else _numbers("load", load)
     given = None if inputs is None else _numbers("inputs", inputs)
     if core is None:
@@ -142,6 +156,12 @@ def _numbers(name: str, values: Sequence[float]) -> np.ndarray:
     if array.ndim != 1 or not np.isfinite(array).all():
         raise ValueError(f"linearize: {name} = {values!r}: must be finite numbers")
     return array
+
+
+def _check_limits(mechanism: Any, q: np.ndarray) -> None:
+    if q.size and hasattr(mechanism, "is_within_limits") and not mechanism.is_within_limits(_components(q)):
+        limit = float(mechanism.design.joint_limit)
+        raise ValueError(f"linearize: posture = {q.tolist()}: beyond the joint limits, {limit:.6g} rad")
 
 
 def _usual(core: Core, mechanism: Any, q: np.ndarray, inputs: np.ndarray | None, load: np.ndarray | None) -> np.ndarray:
@@ -283,6 +303,8 @@ def _dynamic(core: Core, mechanism: Any, q: np.ndarray, u: np.ndarray, load: np.
     coordinates = np.array(control.coordinates(mechanism, _components(q), _components(u)), float)
     actuation = np.array(control.actuation(mechanism, _components(u)), float)
     force = np.zeros(model.linkage.space) if load is None else load
+    if len(force) != model.linkage.space:
+        raise ValueError(f"linearize: load = {force.tolist()}: must be {model.linkage.space} numbers")
     step = step_matrices(model, coordinates, actuation, force)
     if step.drift > 1e-4:
         raise ValueError(

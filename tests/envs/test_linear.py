@@ -27,7 +27,7 @@ class Rest:
         self.design, self.load = episode.design, tuple(episode.load_at(0.0)) or None
         self.posture, self.inputs = state.configuration, state.inputs
         if not hasattr(core.simulation, "actuation"):
-            self.inputs = None
+            self.inputs = self.load = None
         elif core.simulation.rate_unit == "N":
             low, high = core.simulation.bounds(core.mechanism(self.design))
             self.inputs = tuple(np.clip(state.inputs, low + 5.0, high - 5.0).tolist())
@@ -127,6 +127,40 @@ def test_slips_are_told():
         linearize(gym.make("tensegrity/TwoXReach-v0").unwrapped.core)
     with pytest.raises(ValueError, match="lengths"):
         linearize(gym.make("tensegrity/PlanarFourBarReach-v0"), (0.3, 0.2))
+
+
+@pytest.mark.parametrize(
+    "env_id", ["TwoXStiffnessReach-v0", "ThreeXStiffnessReach-v0", "TwoXReach-v0", "DualTriangleReach-v0"]
+)
+def test_postures_are_within_the_joint_limits(env_id):
+    core = gym.make(f"tensegrity/{env_id}").unwrapped.core
+    n, limit = len(core.states.rows.configuration), float(core.design.joint_limit)
+    for posture in ((99.0,) * n, (0.0,) * (n - 1) + (-limit - 1e-6,)):
+        with pytest.raises(ValueError, match=f"beyond the joint limits, {limit:.6g} rad"):
+            linearize(core, posture)
+    for size in (0, n - 1, n + 1):
+        with pytest.raises(ValueError, match="numbers?, must be"):
+            linearize(core, (0.1,) * size)
+    with pytest.raises(ValueError, match="finite"):
+        linearize(core, (float("nan"),) * n)
+
+
+@pytest.mark.parametrize("env_id", ["ThreeXObstacleReach-v0", "TwoXReach-v0"])
+def test_joint_control_has_neither_inputs_nor_loads(env_id):
+    core = gym.make(f"tensegrity/{env_id}").unwrapped.core
+    posture = (0.1,) * len(core.states.rows.configuration)
+    assert len(linearize(core, posture).state) == len(posture)
+    for given in ({"load": (0.0, 0.0)}, {"inputs": (1.0,) * 7}):
+        with pytest.raises(ValueError, match="joint control"):
+            linearize(core, posture, **given)
+
+
+def test_designs_are_resolved():
+    core = gym.make("tensegrity/TwoXTensionReach-v0").unwrapped.core
+    with pytest.raises(TypeError, match="design = 3"):
+        linearize(core, (0.1, 0.2), design=3)
+    with pytest.raises(ValueError, match=r"joint limits, 1\.5 rad"):
+        linearize(core, (1.6, 0.2), design={"joint_limit": 1.5})
 
 
 def test_state_space_of_python_control():
