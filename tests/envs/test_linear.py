@@ -139,7 +139,7 @@ def test_postures_are_within_the_joint_limits(env_id):
         with pytest.raises(ValueError, match=f"beyond the joint limits, {limit:.6g} rad"):
             linearize(core, posture)
     for size in (0, n - 1, n + 1):
-        with pytest.raises(ValueError, match="numbers?, must be"):
+        with pytest.raises(ValueError, match=r"numbers?, must be"):
             linearize(core, (0.1,) * size)
     with pytest.raises(ValueError, match="finite"):
         linearize(core, (float("nan"),) * n)
