@@ -145,38 +145,56 @@ def described(cls: type, section: str = "Attributes") -> dict[str, str]:
 def share_options(core: type, names: Iterable[str]) -> None:
     """Write the shared options into a core's signature and docstring, for `inspect`, `help` and error messages.
 
+    A constructor that takes further keyword arguments hands them to the next one in the order of the class's bases,
+    mixins included; what the last of them takes further are the shared options.
+
     Args:
-        core: a class; only if its constructor takes further keyword arguments.
+        core: a class, with a constructor of its own or an inherited one.
         names: the options that it shares.
     """
-    if "__init__" not in vars(core):
-        return
-    own = list(inspect.signature(core.__init__).parameters.values())[1:]  # type: ignore[misc]
-    parent = next((base for base in core.__mro__[1:-1] if "__init__" in vars(base)), None)
-    explicit = [parameter for parameter in own if parameter.kind is not inspect.Parameter.VAR_KEYWORD]
-    taken = {parameter.name for parameter in explicit}
-    further: list[inspect.Parameter] = []
+    core._written = described(core, "Args")  # type: ignore[attr-defined]  # before anything is added
+    chain = _constructors(core)
+    parameters: dict[str, inspect.Parameter] = {}
     texts: dict[str, str] = {}
-    if len(explicit) < len(own) and parent is not None:
-        inherited = inspect.signature(parent).parameters.values()
-        further = [p for p in inherited if p.name in names or p.name not in OPTION_NAMES]
-        texts = described(parent, "Args")
-    elif len(explicit) < len(own):
-        defaults = getattr(core, "option_defaults", {})
-        further = [
-            inspect.Parameter(
-                field.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=defaults.get(field.name, field.default),
-                annotation=field.type,
+    for k, (base, own, _) in enumerate(chain):
+        for one in own:
+            if k == 0:
+                parameters[one.name] = one
+            elif one.name in names or one.name not in OPTION_NAMES:
+                parameters.setdefault(one.name, one.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+        texts = vars(base).get("_written", described(base, "Args")) | texts
+    if not chain:
+        return
+    last, _, takes_further = chain[-1]
+    if takes_further:
+        defaults = getattr(last, "option_defaults", {})
+        for field in dataclasses.fields(Options):
+            default = defaults.get(field.name, field.default)
+            shared = inspect.Parameter(
+                field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=field.type
             )
-            for field in dataclasses.fields(Options)
-            if field.name in names
-        ]
-        texts = described(Options)
-    _document(core, {p.name: texts[p.name] for p in further if p.name in texts})
-    further = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in further if p.name not in taken]
-    core.__signature__ = inspect.Signature(explicit + further)  # type: ignore[attr-defined]
+            if field.name in names:
+                parameters.setdefault(field.name, shared)
+        texts = described(Options) | texts
+    _document(core, {name: texts[name] for name in parameters if name in texts})
+    core.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]
+
+
+def _constructors(core: type) -> list[tuple[type, list[inspect.Parameter], bool]]:
+    """The constructors of a class, the first one first, as long as each hands further keyword arguments on.
+
+    Returns:
+        For each, whose it is, its parameters by name, and whether it takes further ones.
+    """
+    found: list[tuple[type, list[inspect.Parameter], bool]] = []
+    for base in core.__mro__[:-1]:
+        if "__init__" in vars(base):
+            everything = list(inspect.signature(vars(base)["__init__"]).parameters.values())[1:]
+            own = [one for one in everything if one.kind is not inspect.Parameter.VAR_KEYWORD]
+            found.append((base, own, len(own) < len(everything)))
+            if not found[-1][2]:
+                break
+    return found
 
 
 def _document(core: type, texts: Mapping[str, str]) -> None:

@@ -6,7 +6,7 @@ import pydoc
 
 import pytest
 
-from tensegrity_envs.environments import ARMS, TwoXReach, core_of
+from tensegrity_envs.environments import ARMS, NXReach, TwoXReach, core_of
 from tensegrity_envs.options import OPTION_NAMES, QUASI_STATIC, Options, described
 
 every_core = pytest.mark.parametrize("core", ARMS.values(), ids=lambda core: core.__name__)
@@ -76,3 +76,30 @@ def test_a_mixin_before_the_parent_does_not_hide_its_options():
 
     assert {"colour", "control", "tolerance"} <= set(inspect.signature(Mixed).parameters)
     assert core_of(Mixed, {"control": "tension"}).control == "tension"
+
+
+def test_an_inherited_constructor_is_told_with_what_it_hands_on():
+    """That of a mixin before the parent, which takes more than the mixin says, described as the parent has it."""
+
+    class Mixin(TwoXReach):
+        """What some arms share.
+
+        Args:
+            colour: of the bars.
+        """
+
+        def __init__(self, colour="blue", **further):
+            super().__init__(**further)
+            self.colour = colour
+
+    class Mixed(Mixin, NXReach):
+        """Without a constructor of its own."""
+
+    class Plain(NXReach):
+        """Without anything."""
+
+    for core, first in ((Mixed, ["colour"]), (Plain, [])):
+        assert list(inspect.signature(core).parameters) == [*first, *inspect.signature(NXReach).parameters]
+        told, known = described(core, "Args"), described(NXReach, "Args")
+        assert told == {**{name: "of the bars." for name in first}, **known}
+    assert core_of(Mixed, {"colour": "red", "tolerance": 0.02}).colour == "red"

@@ -13,51 +13,38 @@ from typing import Any, ClassVar
 from tensegrity_envs.core import Core
 from tensegrity_envs.environments.dual_triangle import DualTriangleReach
 from tensegrity_envs.environments.two_x import TwoXReach
-from tensegrity_envs.tasks import FastReach, ReachWeights
+from tensegrity_envs.tasks import FastReach, Reach, ReachWeights
 
 _WEIGHTS = ReachWeights(distance=0.3, potential=0.3, success=1.5, effort=0.0)
 _DYNAMICS = {"joint_damping": 0.005, "joint_friction": 0.002, "actuator_bandwidth": 8.0}
 
 
-def _timed(core: Core) -> FastReach:
-    """The task, with the duration of a step.
+class FastCore(Core):
+    """What makes a reaching task a fast one; in the bases of a class it stands before the environment of the arm."""
 
-    Raises:
-        ValueError: there are no dynamics.
-    """
-    if core.dynamics is None:
-        raise ValueError("backend = 'quasi_static': a fast task needs backend = 'mujoco'")
-    assert isinstance(core.task, FastReach)
-    return replace(core.task, step_time=core.dynamics.timestep * core.dynamics.frame_skip)
+    task_type: ClassVar[type[Reach]] = FastReach
+    default_weights = _WEIGHTS
+    option_defaults: ClassVar[Mapping[str, Any]] = {"dynamics": _DYNAMICS}
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        if self.dynamics is None:
+            raise ValueError("backend = 'quasi_static': a fast task needs backend = 'mujoco'")
+        assert isinstance(self.task, FastReach)
+        self.task = replace(self.task, step_time=self.dynamics.timestep * self.dynamics.frame_skip)
 
 
-class TwoXFastReach(TwoXReach):
+class TwoXFastReach(FastCore, TwoXReach):
     """Fast reaching with the 2-X in cable control: `TwoXReach` with another task and other dynamics.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
     """
 
-    task_type = FastReach
-    default_weights = _WEIGHTS
-    option_defaults: ClassVar[Mapping[str, Any]] = {"dynamics": _DYNAMICS}
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
-        self.task = _timed(self)
-
-
-class DualTriangleFastReach(DualTriangleReach):
+class DualTriangleFastReach(FastCore, DualTriangleReach):
     """Fast reaching with the dual-triangle arm: `DualTriangleReach` with another task and other dynamics.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
     """
-
-    task_type = FastReach
-    default_weights = _WEIGHTS
-    option_defaults: ClassVar[Mapping[str, Any]] = {"dynamics": _DYNAMICS}
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
-        self.task = _timed(self)

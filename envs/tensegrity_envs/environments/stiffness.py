@@ -36,6 +36,10 @@ class StiffnessGoals(TwoXReach):
         stiffness_tolerance: relative.
         log_tolerance: log(1 + stiffness_tolerance).
         reference: stiffness scale of the design divided by the square of its reach [N/m].
+
+    Args:
+        direction: (x, y) along which the stiffness counts; the direction in which the tip gives way most by default.
+        stiffness_tolerance: relative.
     """
 
     shared = QUASI_STATIC
@@ -204,19 +208,10 @@ class TwoXStiffnessReach(StiffnessGoals):
     Success: the tip within tolerance and the stiffness within its own. Nothing of the arm is hidden or randomized.
     Other arguments are those of `TwoXReach`.
 
-    Args:
-        direction: (x, y) along which the stiffness counts; the direction in which the tip gives way most by default.
-        stiffness_tolerance: relative.
-
     Raises:
         ValueError: an argument is out of range; the message names it.
         TypeError: `design` is not a design.
     """
-
-    def __init__(
-        self, direction: Sequence[float] | None = None, stiffness_tolerance: float = 0.05, **options: Any
-    ) -> None:
-        super().__init__(direction, stiffness_tolerance, **options)
 
 
 class NXStiffnessReach(StiffnessGoals, NXReach):
@@ -225,19 +220,10 @@ class NXStiffnessReach(StiffnessGoals, NXReach):
     Success: the tip within tolerance and the stiffness within its own. Nothing of the arm is hidden or randomized.
     Other arguments are those of `NXReach`.
 
-    Args:
-        direction: (x, y) along which the stiffness counts; the direction in which the tip gives way most by default.
-        stiffness_tolerance: relative.
-
     Raises:
         ValueError: an argument is out of range; the message names it.
         TypeError: `design` is not a design.
     """
-
-    def __init__(
-        self, direction: Sequence[float] | None = None, stiffness_tolerance: float = 0.05, **options: Any
-    ) -> None:
-        super().__init__(direction, stiffness_tolerance, **options)
 
 
 def _scaled(direction: Sequence[float]) -> tuple[float, float]:

@@ -29,12 +29,18 @@ _WEIGHTS: ReachWeights = ObstacleReachWeights()
 
 
 class ObstacleCore(Core):
-    """What obstacles add to an environment, before which it stands in the bases of a class; the constructor of that
-    class calls `_take_obstacles` first and `_surround` last.
+    """What obstacles add to an environment, before which it stands in the bases of a class.
 
     Attributes:
         obstacles: how many discs are drawn, or those that there are.
         surroundings: draws starts, targets and discs.
+
+    Args:
+        obstacles: how many discs are drawn for each episode, or a sequence of `Disc`s, convex `Polygon`s and `Wall`s
+            (or mappings of their fields) that are in every episode.
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
     """
 
     task_type: ClassVar[type[Reach]] = ObstacleReach
@@ -42,22 +48,11 @@ class ObstacleCore(Core):
     obstacles: int | tuple[Obstacle, ...]
     surroundings: ObstacleSampler
 
-    def _take_obstacles(self, obstacles: Any, options: Mapping[str, Any]) -> None:
-        """What must be known before the environment without obstacles is made.
-
-        Raises:
-            ValueError: obstacles that are none, or dynamics.
-        """
+    def __init__(self, obstacles: Obstacles = _COUNT, **options: Any) -> None:
         if options.get("backend", "quasi_static") != "quasi_static":
             raise ValueError(f"backend = {options['backend']!r}: among obstacles there is 'quasi_static' alone")
         self.obstacles = checked_obstacles(obstacles)
-
-    def _surround(self) -> None:
-        """What follows from the environment without obstacles.
-
-        Raises:
-            ValueError: the centre of a disc or its radius is farther than the arm reaches.
-        """
+        super().__init__(**options)
         assert isinstance(self.task, ObstacleReach)
         for disc in () if isinstance(self.obstacles, int) else self.obstacles:
             if isinstance(disc, Disc) and max(*map(abs, disc.centre), disc.radius) > self.reach:
@@ -148,35 +143,17 @@ class ObstacleCore(Core):
 class NXObstacleReach(ObstacleCore, NXReach):
     """Reaching among obstacles with an arm of two X-joints or more; an obstacle that is touched ends the episode.
 
-    Args:
-        obstacles: how many discs are drawn for each episode, or a sequence of `Disc`s, convex `Polygon`s and `Wall`s
-            (or mappings of their fields) that are in every episode.
-
     Raises:
         ValueError: an argument is out of range; the message names it.
     """
-
-    def __init__(self, obstacles: Obstacles = _COUNT, **options: Any) -> None:
-        self._take_obstacles(obstacles, options)
-        super().__init__(**options)
-        self._surround()
 
 
 class TwoXObstacleReach(ObstacleCore, TwoXReach):
     """Reaching among obstacles with the 2-X; an obstacle that is touched ends the episode.
 
-    Args:
-        obstacles: how many discs are drawn for each episode, or a sequence of `Disc`s, convex `Polygon`s and `Wall`s
-            (or mappings of their fields) that are in every episode.
-
     Raises:
         ValueError: an argument is out of range; the message names it.
     """
-
-    def __init__(self, obstacles: Obstacles = _COUNT, **options: Any) -> None:
-        self._take_obstacles(obstacles, options)
-        super().__init__(**options)
-        self._surround()
 
 
 class DualTriangleObstacleReach(ObstacleCore, DualTriangleReach):
@@ -201,6 +178,4 @@ class DualTriangleObstacleReach(ObstacleCore, DualTriangleReach):
     ) -> None:
         if load_range is not None:
             raise ValueError(f"load_range = {load_range!r}: must be None: among obstacles there is no load")
-        self._take_obstacles(obstacles, options)
-        super().__init__(segments=segments, **options)
-        self._surround()
+        super().__init__(obstacles, segments=segments, **options)
