@@ -6,6 +6,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.compiler.pytree import is_array, tree_leaves, tree_map
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
@@ -44,6 +45,16 @@ def beginning(count: int, state: object, episode_start: object) -> np.ndarray:
     if state is None or episode_start is None:
         return np.ones(count, bool)
     return np.asarray(episode_start, bool)
+
+
+def jacobian_at(mechanism: Any, q: Components) -> np.ndarray:
+    """The Jacobian of the tip as arrays, shape (n, axes, joints) [m/rad].
+
+    Args:
+        mechanism: a planar one.
+        q: joint angles, each of shape (n,) [rad].
+    """
+    return np.stack([np.stack(row, axis=1) for row in mechanism.jacobian(q)], axis=1)
 
 
 def rows_of(batch: Batch, index: np.ndarray) -> Batch:

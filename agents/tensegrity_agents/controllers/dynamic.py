@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController, Observation, rows_of
+from tensegrity_agents.controllers.base import AnalyticController, Observation, jacobian_at, rows_of
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation import Episode
@@ -103,7 +103,7 @@ class Damped(Adapted[Memory]):
         if "joint_angles" in observed:
             torque = self.damping * observed.joint_rates @ self.mass
         else:
-            jacobian = np.stack([np.stack(row, axis=1) for row in self.core.nominal.jacobian(tuple(q.T))], axis=1)
+            jacobian = jacobian_at(self.core.nominal, tuple(q.T))
             mobility = np.einsum("nij,jk,nlk->nil", jacobian, np.linalg.inv(self.mass), jacobian)
             # Where the arm is stretched the tip cannot move in one direction, and nothing is to be damped there.
             tip_mass = np.linalg.inv(mobility + 0.02 * np.trace(mobility, axis1=1, axis2=2)[:, None, None] * np.eye(2))

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tensegrity_agents.controllers.base import jacobian_at
 from tensegrity_agents.controllers.believed_plant import BelievedPlant
 from tensegrity_envs.observation import DecodedObservation
 
@@ -148,7 +149,7 @@ class ArmFilter:
         tip = np.stack(arm.tip(q), axis=1)
         h = np.zeros((n, 2 * joints + 2, size))
         h[:, :joints, :joints] = np.eye(joints)
-        h[:, joints : joints + 2, :joints] = np.stack([np.stack(row, axis=1) for row in arm.jacobian(q)], axis=1)
+        h[:, joints : joints + 2, :joints] = jacobian_at(arm, q)
         h[:, joints + 2 :, joints : 2 * joints] = np.eye(joints)
         seen = np.concatenate([observed.joint_angles, observed.tip, observed.joint_rates], axis=1)
         off = seen - np.concatenate([belief.mean[:, :joints], tip, belief.mean[:, joints : 2 * joints]], axis=1)

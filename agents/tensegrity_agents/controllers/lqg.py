@@ -24,7 +24,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import rows_where
+from tensegrity_agents.controllers.base import jacobian_at, rows_where
 from tensegrity_agents.controllers.believed_plant import BelievedPlant
 from tensegrity_agents.controllers.delay_line import Line, first_line, seen, sent
 from tensegrity_agents.controllers.dynamic import Base
@@ -179,7 +179,7 @@ class LQG(FullSpeed[LQGMemory]):
         """The shift of the path by the integral action."""
         arm, q = self.core.nominal, tuple(belief.mean[:, : self.joints].T)
         error = observed.target - np.stack(arm.tip(q), axis=1)
-        jacobian = np.stack([np.stack(row, axis=1) for row in arm.jacobian(q)], axis=1)
+        jacobian = jacobian_at(arm, q)
         square = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING**2 * np.eye(2)
         step = np.einsum("nij,nik,nk->nj", jacobian, np.linalg.inv(square), self.integral * error)
         slow = np.abs(belief.mean[:, self.joints : 2 * self.joints]).max(axis=1) < _SLOW

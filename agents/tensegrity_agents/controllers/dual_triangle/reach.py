@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController
+from tensegrity_agents.controllers.base import AnalyticController, jacobian_at
 from tensegrity_agents.controllers.dual_triangle.identification import advance, explain
 from tensegrity_agents.controllers.dual_triangle.planning import RoadMap, choose_posture, schedule
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
@@ -192,7 +192,7 @@ class PseudoInverse(ReachController):
 
     def _resolved_rate(self, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """Joint steps (n, segments) [rad] for wanted tip steps (n, 2) [m]."""
-        jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
+        jacobian = jacobian_at(self.nominal, tuple(q.T))
         near = np.clip((self.joint_limit - np.abs(q)) / self.zone, 0.0, 1.0)
         weight = np.ones_like(q)
         for _ in range(2):  # a joint that is about to run into its limit moves less; on the limit, not at all

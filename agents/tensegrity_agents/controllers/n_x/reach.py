@@ -3,6 +3,7 @@
 import numpy as np
 
 from tensegrity_agents.controllers import two_x
+from tensegrity_agents.controllers.base import jacobian_at
 from tensegrity_agents.controllers.connecting import connect
 from tensegrity_agents.controllers.n_x.planning import choose_posture
 from tensegrity_agents.controllers.n_x.reading import configuration_of, estimate_payload
@@ -49,7 +50,7 @@ class NXArm:
 
         With J+ = J^T (J J^T + d^2 I)^-1, the steps are J+ wanted + (I - J+ J) rest.
         """
-        jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
+        jacobian = jacobian_at(self.nominal, tuple(q.T))
         across = jacobian @ jacobian.transpose(0, 2, 1) + damping**2 * np.eye(2)
         more = wanted - (jacobian @ rest[..., None])[..., 0]
         step = jacobian.transpose(0, 2, 1) @ np.linalg.solve(across, more[..., None])

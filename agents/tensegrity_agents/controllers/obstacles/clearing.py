@@ -1,6 +1,7 @@
 """How far an arm is from the obstacles that are observed, and steps that keep off them."""
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from tensegrity_envs.environments.obstacles.sampling import discs_of
 from tensegrity_envs.geometry.clearance import Disc, clearance
 from tensegrity_envs.observation import DecodedObservation
 
+KEPT = 0.01  # of the reach: clearance along a planned path, and of a step
 _CHANGE = 1e-5  # [rad] for differences
 _SHARES = np.array([1.0, 0.7, 0.5, 0.3, 0.15, 0.0])  # of a step
 _LOOKS = 4  # along a step
@@ -90,8 +92,32 @@ class Clearing:
         return np.asarray(taken * step)
 
 
-def push_away(clearing: Clearing, q: np.ndarray, discs: np.ndarray, near: float, push: float) -> np.ndarray:
-    """Joint steps (n, joints) [rad] away from obstacles that are nearer than `near` [m]; `push` at an obstacle."""
-    gap, slope = clearing(q.T, discs), clearing.gradient(q.T, discs)
-    share = np.clip(1.0 - gap / near, 0.0, 1.0)
-    return np.asarray((push * share * slope / np.maximum(np.linalg.norm(slope, axis=0), 1e-9)).T)
+class KeepsOff:
+    """What the pseudo-inverse does among obstacles, with whatever arm: it stands before the arm's own in the bases.
+
+    Attributes:
+        near: clearance from which on the null space leads away from obstacles, over the reach.
+        push: joint step away from an obstacle that is touched [rad].
+    """
+
+    knows = "the nominal design and the obstacles; feedback of the tip error"
+    near = 0.06
+    push = 0.08
+
+    def __init__(self, core: Core) -> None:
+        further: Any = super()
+        further.__init__(core)
+        self.clearing, self.reach = Clearing(core), core.reach
+
+    def push_away(self, q: np.ndarray, discs: np.ndarray) -> np.ndarray:
+        """Joint steps (n, joints) [rad] away from obstacles that are near configurations (n, joints) [rad].
+
+        With c the clearance, they are push (1 - c / near) grad c / |grad c|.
+        """
+        gap, slope = self.clearing(q.T, discs), self.clearing.gradient(q.T, discs)
+        share = np.clip(1.0 - gap / (self.near * self.reach), 0.0, 1.0)
+        return np.asarray((self.push * share * slope / np.maximum(np.linalg.norm(slope, axis=0), 1e-9)).T)
+
+    def kept_off(self, q: np.ndarray, step: np.ndarray, discs: np.ndarray) -> np.ndarray:
+        """As much of joint steps (n, joints) [rad] as keeps clear of the obstacles."""
+        return self.clearing.kept_off(q.T, step.T, discs, KEPT * self.reach).T

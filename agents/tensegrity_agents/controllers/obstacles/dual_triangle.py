@@ -6,10 +6,11 @@ from functools import cached_property
 import numpy as np
 
 from tensegrity_agents.controllers import dual_triangle
+from tensegrity_agents.controllers.base import jacobian_at
 from tensegrity_agents.controllers.dual_triangle.planning import schedule
 from tensegrity_agents.controllers.dual_triangle.reach import STEPS, ReachController
-from tensegrity_agents.controllers.obstacles.clearing import Clearing, push_away
-from tensegrity_agents.controllers.obstacles.planning import KEPT, PathPlanner
+from tensegrity_agents.controllers.obstacles.clearing import KeepsOff
+from tensegrity_agents.controllers.obstacles.planning import PathPlanner
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
@@ -56,7 +57,7 @@ class _Along(ReachController):
         limit = _SHARE * float(self.nominal.design.joint_limit)
         for _ in range(_ROUNDS):
             off = target - np.stack(self.nominal.tip(tuple(q.T)), axis=1)
-            jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
+            jacobian = jacobian_at(self.nominal, tuple(q.T))
             across = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING**2 * np.eye(2)
             change = jacobian.transpose(0, 2, 1) @ np.linalg.solve(across, off[..., None])
             q = np.clip(q + np.clip(change[..., 0], -0.3, 0.3), -limit, limit)
@@ -79,32 +80,22 @@ class StraightPath(_Along):
         return list(held[np.abs(held - start).max(axis=1).argmin()][None]) if len(held) else []
 
 
-class PseudoInverse(dual_triangle.PseudoInverse):
+class PseudoInverse(KeepsOff, dual_triangle.PseudoInverse):
     """Resolved rate with the damped pseudo-inverse; the null space leads away from the nearest obstacle, and a step is
     cut short where it would touch one.
     """
 
-    knows = "the nominal design and the obstacles; feedback of the tip error"
-    near = 0.06  # of the reach: from there on the null space leads away from obstacles
-    push = 0.08  # [rad] in a step, at an obstacle
-
-    def __init__(self, core: Core) -> None:
-        super().__init__(core)
-        self.clearing, self.reach = Clearing(core), core.reach
-
     def joint_step(self, observed: DecodedObservation, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """See `dual_triangle.PseudoInverse.joint_step`."""
-        discs = self.clearing.discs(observed)
         step = super().joint_step(observed, q, wanted)
-        away = push_away(self.clearing, q, discs, self.near * self.reach, self.push)
-        jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(tuple(q.T))], axis=1)
+        away = self.push_away(q, self.clearing.discs(observed))
+        jacobian = jacobian_at(self.nominal, tuple(q.T))
         moved = (jacobian @ away[..., None])[..., 0]
         return np.asarray(step + away - (np.linalg.pinv(jacobian, rcond=1e-3) @ moved[..., None])[..., 0])
 
     def allowed(self, observed: DecodedObservation, q: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """See `dual_triangle.PseudoInverse.allowed`."""
-        discs = self.clearing.discs(observed)
-        return self.clearing.kept_off(q.T, turn.T, discs, KEPT * self.reach).T
+        return self.kept_off(q, turn, self.clearing.discs(observed))
 
 
 class Planner(_Along):

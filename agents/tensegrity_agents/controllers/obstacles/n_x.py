@@ -3,9 +3,8 @@
 import numpy as np
 
 from tensegrity_agents.controllers import n_x
-from tensegrity_agents.controllers.obstacles.clearing import Clearing, push_away
-from tensegrity_agents.controllers.obstacles.planning import KEPT, PathPlanner
-from tensegrity_envs.core import Core
+from tensegrity_agents.controllers.obstacles.clearing import KeepsOff
+from tensegrity_agents.controllers.obstacles.planning import PlansFreePaths
 from tensegrity_envs.mechanics.n_x.postures import postures_at
 from tensegrity_envs.observation import DecodedObservation
 
@@ -16,46 +15,24 @@ class ClosedFormIK(n_x.ClosedFormIK):
     knows = "the nominal design; takes no notice of the obstacles"
 
 
-class PseudoInverse(n_x.PseudoInverse):
+class PseudoInverse(KeepsOff, n_x.PseudoInverse):
     """Resolved rate with the damped pseudo-inverse; the null space leads away from the nearest obstacle, and a step is
     cut short where it would touch one.
     """
 
-    knows = "the nominal design and the obstacles; feedback of the tip error"
-    near = 0.06  # of the reach: from there on the null space leads away from obstacles
-    push = 0.08  # [rad] in a step, at an obstacle
-
-    def __init__(self, core: Core) -> None:
-        super().__init__(core)
-        self.clearing, self.reach = Clearing(core), core.reach
-
     def joint_step(self, observed: DecodedObservation, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """See `two_x.PseudoInverse.joint_step`.
-
-        With c the clearance, the null space takes -centring q + push (1 - c / near) grad c / |grad c|.
-        """
+        """See `two_x.PseudoInverse.joint_step`; the null space takes -centring q and what leads away."""
         discs = self.clearing.discs(observed)
-        rest = -self.centring * q + push_away(self.clearing, q, discs, self.near * self.reach, self.push)
-        step = self.in_null_space(q, wanted, rest, self.damping)
-        return self.clearing.kept_off(q.T, step.T, discs, KEPT * self.reach).T
+        rest = -self.centring * q + self.push_away(q, discs)
+        return self.kept_off(q, self.in_null_space(q, wanted, rest, self.damping), discs)
 
 
-class Planner(n_x.ClosedFormIK):
+class Planner(PlansFreePaths, n_x.ClosedFormIK):
     """Goes along a joint path that is free in the nominal model: straight to an inverse solution, or by a sampling
     planner.
     """
 
-    knows = "the nominal design and the obstacles; plans a free joint path"
-
-    def __init__(self, core: Core) -> None:
-        super().__init__(core)
-        self.planner = PathPlanner(core)
-
-    def _paths(self, model: object, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
-        owner, ends = postures_at(self.nominal, *observed.target.T)
-        discs = self.planner.clearing.discs(observed).T
-        paths = []
-        for i, q in enumerate(start):
-            found = self.planner.path(self.nominal, q, ends[:, owner == i].T, discs[i])
-            paths.append(np.array(found or [q]))
-        return paths
+    def solutions_of(self, target: np.ndarray) -> list[np.ndarray]:
+        """See `PlansFreePaths.solutions_of`."""
+        owner, ends = postures_at(self.nominal, *target.T)
+        return [ends[:, owner == i].T for i in range(len(target))]

@@ -1,13 +1,15 @@
 """Joint paths among obstacles: straight to one of the solutions of the target, or by a sampling planner."""
 
+from abc import abstractmethod
 from typing import Any
 
 import numpy as np
 
 from tensegrity_agents.controllers.connecting import connect
-from tensegrity_agents.controllers.obstacles.clearing import Clearing
+from tensegrity_agents.controllers.obstacles.clearing import KEPT, Clearing
+from tensegrity_envs.core import Core
+from tensegrity_envs.observation import DecodedObservation
 
-KEPT = 0.01  # of the reach: clearance along a planned path
 _STRAIGHT = 32  # solutions, the nearest ones, to which the straight path is looked at
 _SPACING = 0.01  # [rad] of the looks along an edge
 _FINE = 1e-3  # [rad] of the looks at a path before it is handed out
@@ -72,3 +74,25 @@ class PathPlanner:
             count = max(2, int(np.ceil(np.abs(b - a).max() / spacing)) + 1)
             legs.append(a[:, None] + np.linspace(0.0, 1.0, count) * (b - a)[:, None])
         return bool(is_free(np.concatenate(legs, axis=1)).all())
+
+
+class PlansFreePaths:
+    """What the closed form of an arm of X-joints becomes with the planner, before which it stands in the bases."""
+
+    knows = "the nominal design and the obstacles; plans a free joint path"
+    nominal: Any
+
+    def __init__(self, core: Core) -> None:
+        further: Any = super()
+        further.__init__(core)
+        self.planner = PathPlanner(core)
+
+    @abstractmethod
+    def solutions_of(self, target: np.ndarray) -> list[np.ndarray]:
+        """The inverse solutions, (k, joints) [rad] each, of targets (n, 2) [m]."""
+
+    def _paths(self, model: object, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
+        discs = self.planner.clearing.discs(observed).T
+        ends = self.solutions_of(observed.target)
+        found = [self.planner.path(self.nominal, *one) for one in zip(start, ends, discs, strict=True)]
+        return [np.array(path or [q]) for path, q in zip(found, start, strict=True)]

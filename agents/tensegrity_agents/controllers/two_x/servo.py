@@ -30,7 +30,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController
+from tensegrity_agents.controllers.base import AnalyticController, jacobian_at
 from tensegrity_agents.controllers.two_x.reach import Memory, Observer
 from tensegrity_agents.controllers.two_x.reading import configuration_from_tip
 from tensegrity_agents.controllers.two_x.tracking import joint_action, resolved_rate, tension_action
@@ -196,7 +196,7 @@ class IdentifyingObserver(Servo):
         drawn, n = self.core.randomization, len(q[0])
         if sees_angles:
             return np.tile(max(drawn.angle_noise, _FLOOR) ** 2 * np.eye(2), (n, 1, 1))
-        jacobian = np.stack([np.stack(row, axis=1) for row in self.nominal.jacobian(q)], axis=1)
+        jacobian = jacobian_at(self.nominal, q)
         information = jacobian.transpose(0, 2, 1) @ jacobian / max(drawn.tip_noise, _FLOOR) ** 2
         return np.linalg.inv(information + np.eye(2))  # of a singular arm, a radian in the direction that is not seen
 
