@@ -48,6 +48,8 @@ AGENTS = ROOT / "agents" / "tensegrity_agents"
 AGENT_LAYERS = [
     "interrupt",
     "yaml_file",
+    "whole_file",
+    "extras",
     "web_page",
     "own_modules",
     "env_options",

@@ -6,7 +6,6 @@ changed since is measured again.
 """
 
 import json
-import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -27,6 +26,7 @@ from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.experiment import agent_name, train_agents
 from tensegrity_agents.sb3.checkpoint import CHECKPOINT
 from tensegrity_agents.sb3.policy_file import DESCRIPTION, WEIGHTS
+from tensegrity_agents.whole_file import written_whole
 from tensegrity_envs.seeding import TEST_SEED
 from tensegrity_envs.uncertainty import LEVELS
 
@@ -257,8 +257,8 @@ def keep_median(experiment: Experiment, results: Path, records: Path, policies: 
         return None
     target.mkdir(parents=True, exist_ok=True)
     for name in (WEIGHTS, DESCRIPTION):
-        shutil.copyfile(home / name, part := target / f"{name}.part")
-        os.replace(part, target / name)
+        with written_whole(target / name) as part:
+            shutil.copyfile(home / name, part)
     digits = np.where(chosen.flags(), "1", "0")
     (target / FLAGS).write_text("".join(digits) + "\n")
     return target

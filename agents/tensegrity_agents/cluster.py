@@ -5,7 +5,6 @@ no file system in common. The package must be installed on each of them, in the 
 on from its last checkpoint, to the same policy (see `sb3.training`) on the same kind of processor.
 """
 
-import os
 import socket
 import threading
 from collections.abc import Iterator, Sequence
@@ -18,7 +17,9 @@ from tensegrity_agents.campaign import Task, measure, silent, sorted_out
 from tensegrity_agents.config import ConfigError, Experiment
 from tensegrity_agents.evaluation.records import Record, read_record
 from tensegrity_agents.evaluation.results import Progress
+from tensegrity_agents.extras import need
 from tensegrity_agents.sb3.checkpoint import CHECKPOINT
+from tensegrity_agents.whole_file import PART, written_whole
 
 RETRIES = 10  # of a row whose worker or node has died
 _SECONDS = 5.0  # between two looks for a new checkpoint
@@ -51,15 +52,14 @@ class Keeper:
 def _write(folder: Path, files: dict[str, bytes]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
-        part = folder / f"{name}.part"
-        part.write_bytes(content)
-        os.replace(part, folder / name)
+        with written_whole(folder / name) as part:
+            part.write_bytes(content)
 
 
 def _read(folder: Path) -> dict[str, bytes]:
     """The files of a folder; those that are being written, and folders, are left out."""
     found = sorted(folder.iterdir()) if folder.is_dir() else []
-    return {path.name: path.read_bytes() for path in found if path.is_file() and path.suffix != ".part"}
+    return {path.name: path.read_bytes() for path in found if path.is_file() and path.suffix != PART}
 
 
 @contextmanager
@@ -161,13 +161,10 @@ def run_on_cluster(
 
 def _connected(address: str) -> Any:
     """The package Ray, connected with a cluster."""
-    try:
-        import ray
-        import ray.util.scheduling_strategies
-    except ImportError as error:
-        raise ImportError(
-            f"--ray needs the extra ray: pip install 'tensegrity-envs[ray]' ({error})", name="ray"
-        ) from error
+    need("ray", "--ray needs", "ray")
+    import ray
+    import ray.util.scheduling_strategies
+
     host, _, port = address.rpartition(":")
     try:
         if host and port.isdecimal() and "/" not in host:  # Ray itself would try for minutes

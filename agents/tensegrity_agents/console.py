@@ -23,6 +23,7 @@ from rich.progress import (
 
 from tensegrity_agents.config import ConfigError
 from tensegrity_agents.controllers import BASELINES, DYNAMIC
+from tensegrity_agents.extras import MissingExtraError
 from tensegrity_agents.interrupt import as_usual
 from tensegrity_agents.sb3.errors import ExportError, TrainingError, TrainingInterruptedError
 from tensegrity_envs.rendering import DisplayError
@@ -34,16 +35,6 @@ errors = Console(stderr=True)
 
 # Exit codes. Beside these, a run that a signal ends has 128 + its number: 130 after Ctrl-C.
 FAILURE, SLIP = 1, 2
-_OF_EXTRAS = (
-    "mujoco",
-    "onnx",
-    "onnxruntime",
-    "onnxscript",
-    "minari",
-    "h5py",
-    "optuna",
-    "ray",
-)  # whose absence is a slip
 # What no other command line mends: a full or broken disk, too little memory, too many files open.
 _FAILURES = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.ENOMEM, errno.EMFILE, errno.ENFILE}
 
@@ -122,7 +113,7 @@ def clear_errors(after_interrupt: str = AGAIN) -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        if error.name not in _OF_EXTRAS:
+        if not isinstance(error, MissingExtraError) and error.name != "mujoco":
             raise
         _fail(str(error))
         raise typer.Exit(SLIP) from error

@@ -18,6 +18,7 @@ from tensegrity_agents.controllers import baselines_of, make_controller
 from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.player import Player
 from tensegrity_agents.evaluation.results import Progress
+from tensegrity_agents.extras import need
 from tensegrity_agents.pretrained import load_pretrained
 from tensegrity_envs.seeding import VALIDATION_SEED
 
@@ -32,13 +33,9 @@ def needs_minari() -> Any:
     Raises:
         ImportError: it is not installed; the message says how to.
     """
-    try:
-        import h5py  # noqa: F401
-        import minari
-    except ImportError as error:
-        raise ImportError(
-            f"datasets need  pip install 'tensegrity-envs[minari]'  ({error})", name=error.name
-        ) from error
+    need("minari", "datasets need", "h5py", "minari")
+    import minari
+
     return minari
 
 

@@ -1,7 +1,6 @@
 """Search for the settings of a training with Optuna, whose result is a config. Needs the extra `optuna`."""
 
 import csv
-import hashlib
 import json
 import shutil
 from collections.abc import Callable, Mapping
@@ -13,8 +12,10 @@ import numpy as np
 import yaml
 
 from tensegrity_agents.config import ConfigError, Experiment
+from tensegrity_agents.evaluation.records import hash_of
 from tensegrity_agents.evaluation.results import Progress
 from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.extras import need
 from tensegrity_envs.seeding import VALIDATION_SEED
 
 STORAGE, BEST, TRIALS = "search.db", "best.yaml", "trials.csv"
@@ -93,7 +94,7 @@ TEACHER: Space = {
 def space_of(experiment: Experiment) -> Space:
     """What is searched for an experiment."""
     train = experiment.train
-    space = ON_POLICY if train.algorithm.endswith("ppo") else OFF_POLICY
+    space = ON_POLICY if train.is_on_policy else OFF_POLICY
     taught = {} if train.teacher is None else dict(TEACHER)
     if not train.history:  # it changes what an agent observes: whoever wants it has some
         taught.pop("history", None)
@@ -106,10 +107,9 @@ def needs_optuna() -> Any:
     Raises:
         ImportError: it is not installed; the message says how to.
     """
-    try:
-        import optuna
-    except ImportError as error:
-        raise ImportError(f"search needs  pip install 'tensegrity-envs[optuna]'  ({error})", name="optuna") from error
+    need("optuna", "search needs", "optuna")
+    import optuna
+
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     return optuna
 
@@ -259,8 +259,7 @@ def _try(
             if trial.should_prune():
                 raise optuna.TrialPruned
 
-    settings = json.dumps(experiment.train.model_dump(mode="json"), sort_keys=True)
-    home = folder / f"{_AGENT}{hashlib.sha256(settings.encode()).hexdigest()[:12]}"
+    home = folder / f"{_AGENT}{hash_of(experiment.train.model_dump(mode='json'))}"
     agent = train(experiment, experiment.seeds[0], home, report)
     run = evaluate(agent, experiment.env, episodes, VALIDATION_SEED, "agent", "agent", experiment.options)
     return float(run.columns["success"].mean())

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from tensegrity_agents.command_options import completed_ids
-from tensegrity_agents.config import ConfigError, known_env
+from tensegrity_agents.config import known_env
 from tensegrity_agents.console import checked_file, clear_errors, say
 
 
@@ -25,8 +25,6 @@ def main(
     """
     with clear_errors():
         env_id = known_env(environment)
-        if out.suffix != ".onnx":
-            raise ConfigError(f"{out}: the name of the file must end in .onnx")
         checked_file(out, "OUT")
         from tensegrity_agents.exporting import export
 

@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.core import Core
+
 _SAME = 1e-4  # of the inputs' range: single precision
 
 
@@ -31,6 +33,12 @@ class Line(NamedTuple):
         steps = np.arange(self.possible.shape[1])
         mean = (self.possible * steps).sum(axis=1) / self.possible.sum(axis=1)
         return np.asarray(np.ceil(mean - 0.5).astype(int))
+
+
+def delays_of(core: Core) -> tuple[int, int]:
+    """The least and the greatest delay that an environment may have [steps], which controllers know."""
+    low, high = core.randomization.actuation_delay or (0, 0)
+    return int(low), int(high)
 
 
 def first_line(inputs: np.ndarray, delays: tuple[int, int]) -> Line:

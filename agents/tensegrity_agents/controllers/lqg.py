@@ -26,7 +26,7 @@ import numpy as np
 
 from tensegrity_agents.controllers.base import jacobian_at, rows_where
 from tensegrity_agents.controllers.believed_plant import BelievedPlant
-from tensegrity_agents.controllers.delay_line import Line, first_line, seen, sent
+from tensegrity_agents.controllers.delay_line import Line, delays_of, first_line, seen, sent
 from tensegrity_agents.controllers.dynamic import Base
 from tensegrity_agents.controllers.kalman import ArmFilter, Belief
 from tensegrity_agents.controllers.regulated import FullSpeed
@@ -96,8 +96,7 @@ class LQG(FullSpeed[LQGMemory]):
         dynamics = self.model.dynamics
         self.time = dynamics.timestep * dynamics.frame_skip
         self.follows = float(self.plant.follows(np.zeros((1, len(self.plant.names))))[0])
-        low, high = core.randomization.actuation_delay or (0, 0)
-        self.delays = int(low), int(high)
+        self.delays = delays_of(core)
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> LQGMemory:
         """See `AnalyticController.initial`."""

@@ -35,7 +35,7 @@ import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, rows_where
 from tensegrity_agents.controllers.believed_plant import FACTORS
-from tensegrity_agents.controllers.delay_line import Line, first_line, seen, sent
+from tensegrity_agents.controllers.delay_line import Line, delays_of, first_line, seen, sent
 from tensegrity_envs.core import Core, Sampled
 from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation.protocol import RUNNING, Episode
@@ -106,8 +106,7 @@ class MPC(AnalyticController[MPCMemory]):
     def __init__(self, core: Core, beliefs: Callable[[Core], Beliefs]) -> None:
         super().__init__(core)
         self.beliefs = beliefs(core)
-        low, high = core.randomization.actuation_delay or (0, 0)
-        self.delays = int(low), int(high)
+        self.delays = delays_of(core)
         self.low, self.high = self.input_bounds()
         self.seed = 0  # of the samples, the same in every step
 

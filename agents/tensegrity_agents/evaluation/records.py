@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_agents.evaluation.results import Run
+from tensegrity_agents.whole_file import written_whole
 
 _NEVER = 0xFFFF  # of a settling time
 
@@ -69,9 +69,8 @@ class Record:
     def write(self, path: Path) -> None:
         """Write it, all or nothing."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
-        part.write_text(json.dumps(asdict(self), indent=1) + "\n")
-        os.replace(part, path)
+        with written_whole(path) as part:
+            part.write_text(json.dumps(asdict(self), indent=1) + "\n")
 
 
 def read_record(path: Path) -> Record:

@@ -1,6 +1,5 @@
 """Checkpoints of a training: all that what follows depends on, in a file that runs nothing when it is read."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +18,7 @@ from tensegrity_agents.sb3.errors import TrainingError
 from tensegrity_agents.sb3.levels import LevelsVecEnv
 from tensegrity_agents.sb3.policy_file import statistics_of
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
+from tensegrity_agents.whole_file import written_whole
 
 CHECKPOINT = "checkpoint.pt"
 
@@ -67,9 +67,8 @@ def keep(path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNo
         "updates": getattr(model, "_n_updates", 0),
         **so_far._asdict(),
     }
-    part = path.with_name(path.name + ".part")
-    torch.save(_mapped(content, np.ndarray, torch.from_numpy), part)
-    os.replace(part, path)
+    with written_whole(path) as part:
+        torch.save(_mapped(content, np.ndarray, torch.from_numpy), part)
 
 
 def restore(path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> Progressed:

@@ -2,7 +2,6 @@
 
 import csv
 import heapq
-import os
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.whole_file import written_whole
 from tensegrity_envs.seeding import VALIDATION_SEED
 
 CURVE, EVALUATIONS = "progress.csv", "evaluation.csv"
@@ -124,9 +124,7 @@ def read_curve(path: Path) -> dict[str, np.ndarray]:
 
 def write_curve(path: Path, rows: Sequence[Sequence[float]]) -> None:
     """Write a learning curve, whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    with part.open("w", newline="") as file:
+    with written_whole(path) as part, part.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(CURVE_COLUMNS)
         writer.writerows(rows)
-    os.replace(part, path)

@@ -21,7 +21,6 @@ The output `action`, shape (n, action size), float32, is within [-1, 1].
 
 import json
 import logging
-import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,9 +32,11 @@ import numpy as np
 import torch
 from torch.distributions import Distribution
 
+from tensegrity_agents.extras import need
 from tensegrity_agents.sb3.errors import ExportError
 from tensegrity_agents.sb3.history import History, Past, remembered, with_action
 from tensegrity_agents.sb3.policy_file import TrainedPolicy, augmentations
+from tensegrity_agents.whole_file import written_whole
 
 METADATA = "tensegrity_agents"  # the key of the description in the file's metadata
 TOLERANCE = 1e-6  # of actions, which are within [-1, 1]
@@ -118,11 +119,7 @@ def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> floa
         ImportError: the extra "onnx" is not installed.
         ExportError: actions differ by more than `TOLERANCE`; the file is not written.
     """
-    for package in ("onnx", "onnxscript", "onnxruntime"):
-        try:
-            __import__(package)
-        except ImportError as error:
-            raise ImportError(f"ONNX needs  pip install 'tensegrity-envs[onnx]'  ({error})", name=package) from error
+    need("onnx", "ONNX needs", "onnx", "onnxscript", "onnxruntime")
     graph = _Graph(trained).eval()
     example = _example(trained)
     names = [*example]
@@ -141,15 +138,11 @@ def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> floa
         )
     assert program is not None
     program.model.metadata_props[METADATA] = json.dumps(trained.description)
-    part = path.with_name(path.name + ".part")
-    try:
+    with written_whole(path) as part:
         program.save(str(part))
         largest = difference(trained, OnnxPolicy(part), observations)
         if not largest <= TOLERANCE:
             raise ExportError(f"{path}: its actions differ from the policy's by up to {largest:.2g}; not written")
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
     return largest
 
 

@@ -29,6 +29,7 @@ from tensegrity_agents.sb3.augmented import Augmentation
 from tensegrity_agents.sb3.features import GoalErrorExtractor
 from tensegrity_agents.sb3.flat import Flattening
 from tensegrity_agents.sb3.history import History
+from tensegrity_agents.whole_file import written_whole
 
 FORMAT = 1
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
@@ -115,9 +116,11 @@ class TrainedPolicy:
         for k, augmentation in enumerate(self.augmentations):
             observation, memory = augmentation(observation, None if before is None else before[k], episode_start)
             memories.append(memory)
-        seen: Any = self.normalization.of_flat(self.flattening(observation)) if self.flattening else None
-        if seen is None:
+        seen: Any
+        if self.flattening is None:
             seen = self.normalization(observation)
+        else:
+            seen = self.normalization.of_flat(self.flattening(observation))
         actions, hidden = self.policy.predict(seen, hidden, episode_start, deterministic)
         pairs = zip(self.augmentations, memories, strict=True)
         after = [augmentation.acted(memory, actions) for augmentation, memory in pairs]
@@ -151,15 +154,15 @@ def flattening(description: Mapping[str, Any]) -> Flattening | None:
     """
     if description["algorithm"] != "crossq":
         return None
-    return Flattening(GoalErrorExtractor(_seen_space(description), **_extractor_kwargs(description)))
+    return Flattening(GoalErrorExtractor(_seen_spaces(description)[0], **_extractor_kwargs(description)))
 
 
-def _seen_space(description: Mapping[str, Any]) -> spaces.Dict:
-    """The observation space with what is appended according to a description."""
-    space = _spaces(description["env"], description.get("options"))[0]
+def _seen_spaces(description: Mapping[str, Any]) -> tuple[spaces.Dict, spaces.Box]:
+    """The spaces of observations, with what is appended according to a description, and of actions."""
+    space, action_space = _spaces(description["env"], description.get("options"))
     for augmentation in augmentations(description):
         space = augmentation.space(space)
-    return space
+    return space, action_space
 
 
 def _extractor_kwargs(description: Mapping[str, Any]) -> dict[str, Any]:
@@ -212,8 +215,9 @@ def save_policy(folder: Path, agent: TrainedPolicy) -> None:
         "normalization": {"clip": normalization.clip, "epsilon": normalization.epsilon},
         "sha256": hashlib.sha256(data).hexdigest(),
     }
-    _write(folder / WEIGHTS, data)
-    _write(folder / DESCRIPTION, json.dumps(content, indent=2).encode())
+    for name, written in ((WEIGHTS, data), (DESCRIPTION, json.dumps(content, indent=2).encode())):
+        with written_whole(folder / name) as part:
+            part.write_bytes(written)
 
 
 def load_policy(
@@ -275,10 +279,10 @@ def load_policy(
         raise PolicyFileError(f"{weights}: not a safetensors file ({error})") from error
     try:
         mean, variance = (tensors.pop(_NORMALIZE + key).numpy() for key in ("mean", "variance"))
-        flat = flattening(description)
+        flat, (space, action_space) = flattening(description), _seen_spaces(description)
         policy = POLICIES[algorithm](
-            _seen_space(description) if flat is None else flat.space,
-            _spaces(env, trained_with)[1],
+            space if flat is None else flat.space,
+            action_space,
             lambda _: 0.0,
             **policy_kwargs(description),
         )
@@ -302,10 +306,3 @@ def _spaces(env_id: str, options: Mapping[str, Any] | None) -> tuple[spaces.Dict
     assert isinstance(observation_space, spaces.Dict)
     assert isinstance(action_space, spaces.Box)
     return observation_space, action_space
-
-
-def _write(path: Path, data: bytes) -> None:
-    """All of it or nothing, even if the process is killed meanwhile."""
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(data)
-    os.replace(part, path)

@@ -93,7 +93,7 @@ class ObstacleCore(Core):
         """
         xp = namespace_of(*after.configuration)
         gaps = []
-        for k in range(1, _LOOKS + 1):
+        for k in range(1 if before is not after else _LOOKS, _LOOKS + 1):  # an episode that begins is one look
             share = k / _LOOKS
             pairs = zip(before.configuration, after.configuration, strict=True)
             q = after.configuration if k == _LOOKS else tuple(a + share * (b - a) for a, b in pairs)
