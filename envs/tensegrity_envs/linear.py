@@ -292,8 +292,8 @@ def _kinematic(core: Core, mechanism: Any, q: np.ndarray) -> LinearModel:
 
 def _dynamic(core: Core, mechanism: Any, q: np.ndarray, u: np.ndarray, load: np.ndarray | None) -> LinearModel:
     """States (coordinates, their velocities, actuators that lag, inputs)."""
+    from tensegrity_envs.simulation.mujoco.linearizing import linearize as linear_motion
     from tensegrity_envs.simulation.mujoco.model import MujocoModel
-    from tensegrity_envs.simulation.mujoco.step_matrices import step_matrices
 
     assert core.dynamics is not None and core.engine is not None and isinstance(core.simulation, DynamicControl)
     control: Any = core.simulation
@@ -305,25 +305,30 @@ def _dynamic(core: Core, mechanism: Any, q: np.ndarray, u: np.ndarray, load: np.
     force = np.zeros(model.linkage.space) if load is None else load
     if len(force) != model.linkage.space:
         raise ValueError(f"linearize: load = {force.tolist()}: must be {model.linkage.space} numbers")
-    step = step_matrices(model, coordinates, actuation, force)
-    if step.drift > 1e-4:
+    state = model.state(coordinates, None, actuation)
+    after, diverged = model.advance(state, actuation, force)
+    drift = np.inf if diverged else abs(model.configuration(after) - coordinates).max()
+    if not drift < 1e-4:
         raise ValueError(
             f"linearize: the posture is no equilibrium of the dynamics under these inputs and load: within a step it "
-            f"moves by {step.drift:.3g} rad"
+            f"moves by {drift:.3g} rad"
         )
+    motion, time = linear_motion(model, coordinates, actuation, force, "soft"), smooth.timestep * smooth.frame_skip
+    joints, m = len(coordinates), len(u)
     by_u = _slopes(lambda value: control.actuation(mechanism, _components(value)), u)
-    n, m = len(step.free), len(u)
-    drive = step.driven @ by_u
-    a = np.block([[step.free, drive], [np.zeros((m, n)), np.eye(m)]])
-    if step.follows_inputs:  # what the actuators have reached is the inputs of the step before
-        a[: len(step.free), n:] += step.reached @ by_u
+    # Ramped actuators have reached their commands at the end of a step; their controls are (command - reached) / time.
+    n = 2 * joints if model.is_ramped else len(motion.a)
+    free, driven = motion.a[:n, :n], motion.b[:n] / (time if model.is_ramped else 1.0)
+    drive = driven @ by_u
+    a = np.block([[free, drive], [np.zeros((m, n)), np.eye(m)]])
+    if model.is_ramped:  # what they have reached is the inputs of the step before
+        a[:n, n:] += (motion.a[:n, n:] - driven) @ by_u
     b = float(core.simulation.rate) * np.vstack([drive, np.eye(m)])
     tip = _slopes(lambda value: model.tip(model.state(value)), coordinates)
-    c = np.hstack([tip, np.zeros((len(tip), n + m - len(coordinates)))])
-    joints = len(coordinates)
+    c = np.hstack([tip, np.zeros((len(tip), n + m - joints))])
     lag = n - 2 * joints
     names = (*_named("q", joints), *_named("v", joints), *_named("actuator", lag), *_named("u", m))
     reached = actuation if lag else np.zeros(0)
     x = np.concatenate([coordinates, np.zeros(joints), reached, u])
     output = model.tip(model.state(coordinates))
-    return LinearModel(a, b, c, np.zeros((len(c), m)), step.time, x, output, names)
+    return LinearModel(a, b, c, np.zeros((len(c), m)), time, x, output, names)

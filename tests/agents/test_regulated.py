@@ -99,7 +99,9 @@ def test_the_regulator_settles_sooner_than_the_ramp(env_id):
     assert settled["lqr"] < 0.75 * settled["closed_form_ramp"]
 
 
-def test_what_is_no_linkage_of_hinges_is_refused():
-    core = gym.make("tensegrity/SpatialPrismTrackMuJoCo-v0").unwrapped.core
-    with pytest.raises(ValueError, match="SpatialPrism has coordinates other than"):
-        linearize(core.engine.model, np.zeros(7), np.zeros(3))
+def test_sizes_are_checked():
+    model = gym.make("tensegrity/SpatialPrismTrackMuJoCo-v0").unwrapped.core.engine.model
+    with pytest.raises(ValueError, match=r"configuration of shape \(7,\): must be \(6,\)"):
+        linearize(model, np.zeros(7), np.zeros(3))
+    with pytest.raises(ValueError, match=r"inputs of shape \(2,\): must be \(3,\)"):
+        linearize(model, np.zeros(6), np.zeros(2))

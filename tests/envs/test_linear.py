@@ -79,7 +79,7 @@ def test_linear_models_are_the_derivatives_of_real_steps(env_id):
     assert model.state == pytest.approx(still[:, 0], abs=1e-12)
     assert len(model.state_names) == len(model.state)
     loops = rest.core.engine is not None and rest.core.engine.model.linkage.loops
-    share = 5e-3 if loops else 2e-5  # MuJoCo's solver closes loops only so well
+    share = 5e-3 if loops else 4e-5  # MuJoCo's solver closes loops, and servos hold, only so well
     for steps in (1, 2, 5):
         states, goals = rest.differences(steps)
         power = np.linalg.matrix_power(model.A, steps - 1) @ model.B

@@ -1,14 +1,14 @@
-"""The motion of a mechanism near an equilibrium, as a linear system in its free coordinates."""
+"""The motion of a mechanism near an equilibrium, as a linear system in its own coordinates."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
-from tensegrity_envs.simulation.mujoco.linkage import Linkage
 from tensegrity_envs.simulation.mujoco.model import MujocoModel
+from tensegrity_envs.simulation.mujoco.processes import without_log
 
 _STEP = 1e-6  # of MuJoCo's differences
 
@@ -17,51 +17,71 @@ class LinearMotion(NamedTuple):
     """x' = A x + B u over one step of an environment, x and u being deviations from an equilibrium.
 
     Attributes:
-        a: shape (2 n + m, 2 n + m); of x = (configuration, its rate, what the m lagging actuators have reached).
-        b: shape (2 n + m, inputs); of the commanded inputs.
+        a: shape (2 n + m, 2 n + m); of x = (configuration, its velocity, what the m actuators with a state of their
+            own, which lag or are ramped, have reached).
+        b: shape (2 n + m, inputs); of MuJoCo's controls: the commanded inputs, of ramped actuators their speeds [m/s].
     """
 
     a: np.ndarray
     b: np.ndarray
 
 
-def linearize(model: MujocoModel, q: Any, inputs: Any, load: Sequence[float] | None = None) -> LinearMotion:
+def linearize(
+    model: MujocoModel,
+    q: ArrayLike,
+    inputs: ArrayLike,
+    load: ArrayLike | None = None,
+    loops: Literal["closed", "soft"] = "closed",
+) -> LinearMotion:
     """The linearised motion about rest in q under constant inputs, without dry friction, which has no derivative there.
 
-    MuJoCo's finite-differenced transition matrices (mjd_transitionFD) of one time step, in all hinges, are reduced to
-    the free coordinates: with S = d hinges / d q, which keeps the loops closed, and R S = 1, hinges = S q and q =
-    R hinges. The step of an environment is that many time steps.
+    MuJoCo's finite-differenced transition matrices (mjd_transitionFD) of one time step, in all its degrees of freedom,
+    are reduced to the mechanism's: with S = d hinges / d q, which keeps the loops closed, and R S = 1, hinges = S q and
+    q = R hinges (of a platform, S and R are those of positions and of velocities, see `Platform`). The step of an
+    environment is that many time steps.
 
     Args:
-        model: of a mechanism of hinges.
+        model: of the mechanism.
         q: configuration [rad], shape (n,).
-        inputs: tensions [N] or free lengths [m] that hold it.
-        load: at the tip [N].
+        inputs: tensions [N], free or actuator lengths [m] that hold it, shape (inputs,).
+        load: at the tip [N], shape (2,), in space (3,).
+        loops: "closed" reduces every time step, as if the loops of a linkage never opened; "soft" reduces the whole
+            step, in which MuJoCo's constraints give way: what differences of simulated steps show. The same without
+            loops.
 
     Raises:
-        ValueError: the mechanism is no linkage of hinges.
+        ValueError: configuration, inputs or load have another size, or are not finite.
     """
     linkage = model.linkage
-    if not isinstance(linkage, Linkage):
-        raise ValueError(f"linearize: {type(model.mechanism).__name__} has coordinates other than its hinges'")
+    q, inputs = model._check("configuration", q, linkage.size), model._check("inputs", inputs, model.input_size)
     smooth = model.variant(dynamics=replace(model.dynamics, joint_friction=0.0))
     data = mujoco.MjData(smooth)
-    data.qpos[:] = linkage.joint_angles(np.asarray(q, float))
+    data.qpos[:] = linkage.joint_angles(q)
     if smooth.na:
         data.act[:] = inputs
-    model.command(data, np.asarray(inputs, float), load)
+    model.command(data, inputs, load)
     nv, na, n = int(smooth.nv), int(smooth.na), linkage.size
     size = 2 * nv + na
     full, by_input = np.zeros((size, size)), np.zeros((size, int(smooth.nu)))
-    mujoco.mjd_transitionFD(smooth, data, _STEP, True, full, by_input, None, None)
-    spread = linkage.rates_by_configuration(data.qpos.copy())
+    angles = data.qpos.copy()
+    with without_log():
+        mujoco.mjd_transitionFD(smooth, data, _STEP, True, full, by_input, None, None)
     out, back = np.zeros((size, 2 * n + na)), np.zeros((2 * n + na, size))
-    for k in range(2):
-        out[k * nv : (k + 1) * nv, k * n : (k + 1) * n] = spread
-        back[k * n : (k + 1) * n, k * nv : (k + 1) * nv] = linkage.reading
+    out[:nv, :n] = linkage.rates_by_configuration(angles)
+    out[nv : 2 * nv, n : 2 * n] = np.stack([linkage.rates_of(angles, e) for e in np.eye(n)], axis=1)
+    back[:n, :nv] = linkage.configuration_by_rates(angles)
+    back[n : 2 * n, nv : 2 * nv] = np.stack([linkage.velocity(angles, e) for e in np.eye(nv)], axis=1)
     out[2 * nv :, 2 * n :] = back[2 * n :, 2 * nv :] = np.eye(na)
-    once, push = back @ full @ out, back @ by_input
-    a, b = np.eye(2 * n + na), np.zeros_like(push)
-    for _ in range(model.dynamics.frame_skip):
+    if loops == "closed":
+        once, push = back @ full @ out, back @ by_input
+        return LinearMotion(*_chained(once, push, model.dynamics.frame_skip))
+    a, b = _chained(full, by_input, model.dynamics.frame_skip)
+    return LinearMotion(back @ a @ out, back @ b)
+
+
+def _chained(once: np.ndarray, push: np.ndarray, times: int) -> tuple[np.ndarray, np.ndarray]:
+    """The same motion that many times over, under inputs that stay."""
+    a, b = np.eye(len(once)), np.zeros_like(push)
+    for _ in range(times):
         a, b = once @ a, once @ b + push
-    return LinearMotion(a, b)
+    return a, b

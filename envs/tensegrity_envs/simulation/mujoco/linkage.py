@@ -245,6 +245,10 @@ class Linkage:
         """The rate of q [rad/s], (..., n), at joint rates of shape (..., bodies - 1)."""
         return self._read(rates)
 
+    def configuration_by_rates(self, angles: np.ndarray) -> np.ndarray:
+        """d q / d joint angles, shape (n, bodies - 1)."""
+        return np.asarray(self.reading)
+
     def rates_by_configuration(self, angles: np.ndarray) -> np.ndarray:
         """d joint angles / d q that keeps the loops closed, shape (bodies - 1, n)."""
         rows = self.loop_jacobian(angles)

@@ -105,6 +105,10 @@ class Platform:
         columns += [np.concatenate([np.zeros(3), column]) for column in turn.T]
         return np.stack([self.rates_of(angles, column) for column in columns], axis=1)
 
+    def configuration_by_rates(self, angles: np.ndarray) -> np.ndarray:
+        """The rates of q, rotation vector included, by MuJoCo's, shape (6, 6)."""
+        return np.linalg.inv(self.rates_by_configuration(angles))
+
     def positions(self, angles: np.ndarray) -> dict[str, np.ndarray]:
         """Positions (..., 3) of the nodes [m]."""
         angles = np.asarray(angles, float)
