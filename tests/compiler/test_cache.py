@@ -40,10 +40,17 @@ def run(folder, **environment):
     return int(made)
 
 
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cache")
+    assert run(folder) == 2
+    return folder
+
+
 @pytest.fixture
-def filled(tmp_path):
-    assert run(tmp_path) == 2
-    return tmp_path
+def filled(original, tmp_path):
+    """A copy of a cache with both kernels."""
+    return shutil.copytree(original, tmp_path / "cache")
 
 
 def test_code_is_compiled_once_and_nothing_but_code_is_left(filled):

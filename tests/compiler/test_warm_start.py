@@ -13,20 +13,31 @@ from tensegrity_envs.compiler import notice, store
 HEAVY = ("numba", "torch", "pygame", "matplotlib", "contourpy", "shapely", "mujoco", "scipy.optimize", "scipy.ndimage")
 
 
-@pytest.mark.parametrize("env_id", tensegrity_envs.ENV_IDS)
-def test_an_environment_loads_only_what_it_uses(env_id):
+def needed_by(env_id):
+    """The heavy modules that an environment may load."""
     needed = {"mujoco"} if "MuJoCo" in env_id else set()
     needed |= (
         {"scipy.ndimage"} if "TwoX" in env_id or "ThreeX" in env_id else set()
     )  # connected components of its joint space
-    needed |= {"shapely"} if "Posture" in env_id else set()
-    code = (
-        "import sys, gymnasium, tensegrity_envs; "
-        f"env = gymnasium.make({env_id!r}); env.reset(seed=0); env.step(env.action_space.sample()); "
-        f"print(*[m for m in {HEAVY} if m in sys.modules])"
-    )
+    return needed | ({"shapely"} if "Posture" in env_id else set())
+
+
+@pytest.mark.parametrize("needed", sorted({tuple(sorted(needed_by(i))) for i in tensegrity_envs.ENV_IDS}), ids=str)
+def test_an_environment_loads_only_what_it_uses(needed):
+    """Those that need the same share a process: what one of them loads too much is there after it."""
+    ids = [env_id for env_id in tensegrity_envs.ENV_IDS if needed_by(env_id) == set(needed)]
+    code = f"""
+import sys, gymnasium, tensegrity_envs
+for env_id in {ids}:
+    env = gymnasium.make(env_id)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    print(env_id, *[m for m in {HEAVY} if m in sys.modules])
+"""
     shown = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=True)
-    assert set(shown.stdout.split()) <= needed
+    loaded = {line.split()[0]: set(line.split()[1:]) for line in shown.stdout.splitlines()}
+    assert list(loaded) == ids
+    assert {env_id: modules - set(needed) for env_id, modules in loaded.items()} == {env_id: set() for env_id in ids}
 
 
 def test_what_is_compiled_ahead_is_not_compiled_again(tmp_path):
