@@ -279,9 +279,14 @@ def shipped_configs() -> Path:
     return inside if inside.is_dir() else Path(__file__).parents[2] / "configs"
 
 
-def shipped_ids() -> list[str]:
-    """The ids for which a config comes with the package."""
-    return list(_configs_in([shipped_configs()])[0])
+def config_folders() -> list[Path]:
+    """Where configs are looked up: `configs` in the working directory, and then those that come with the package."""
+    return [Path("configs"), shipped_configs()]
+
+
+def config_ids() -> list[str]:
+    """The ids for which there is a config."""
+    return list(_configs_in(config_folders())[0])
 
 
 def _configs_in(folders: list[Path]) -> tuple[dict[str, Path], list[str]]:
@@ -316,7 +321,7 @@ def find_experiment(config: Path | None, env: str | None, folder: Path | None = 
             raise ConfigError(f"--config {config} is for {experiment.env}, --env says {env}: give one of them")
         return experiment
     wanted = known_env(env or "TwoXReach-v0")
-    folders = [Path("configs"), shipped_configs()] if folder is None else [folder]
+    folders = config_folders() if folder is None else [folder]
     found, unreadable = _configs_in(folders)
     if wanted not in found:
         there = ", ".join(found) or "nothing"

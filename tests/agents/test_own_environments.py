@@ -1,12 +1,15 @@
 """Environments of users, with baselines of their own, without an edit of the package."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
 
 import gymnasium as gym
 import pytest
+from typer.testing import CliRunner
 
+from tensegrity_agents.command.program import app
 from tensegrity_agents.config import ConfigError, Experiment, known_env
 from tensegrity_agents.controllers import baselines_of, register_baselines
 from tensegrity_agents.experiment import compare
@@ -69,6 +72,16 @@ def test_the_command_scores_the_baselines_of_an_own_environment(module, tmp_path
     assert shown.returncode == 0, shown.stderr + shown.stdout
     assert "still" in shown.stdout
     assert "closed_form_ik" in shown.stdout
+
+
+def test_list_knows_the_config_and_names_the_commands_that_work(module, tmp_path):
+    name = module("ElbowFour")
+    shown = CliRunner().invoke(app, ["list", name])
+    assert shown.exit_code == 0 and f"tensegrity compare {name}" in shown.output
+    assert not json.loads(CliRunner().invoke(app, ["list", name, "--json"]).output)["config"]
+    (tmp_path / "configs").mkdir()
+    (tmp_path / "configs" / "elbow.yaml").write_text(f"env: {name}\n")
+    assert json.loads(CliRunner().invoke(app, ["list", name, "--json"]).output)["config"]
 
 
 def test_compare_trains_reports_and_lists_them(module, tmp_path):

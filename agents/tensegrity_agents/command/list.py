@@ -6,7 +6,7 @@ import gymnasium as gym
 from rich.table import Table
 from rich.text import Text
 
-from tensegrity_agents.command_options import EnvArgument, Json, shipped_ids
+from tensegrity_agents.command_options import EnvArgument, Json, config_ids
 from tensegrity_agents.config import known_env
 from tensegrity_agents.console import clear_errors, console, for_machines, say, tell_json
 from tensegrity_agents.controllers import baselines_of
@@ -52,8 +52,8 @@ def detailed(row: dict[str, Any]) -> dict[str, Any]:
         "tolerance": float(core.task.tolerance),
         "tolerance_unit": "m" if core.error_unit == "mm" else "rad",
         "reward": type(core.task.weights).__name__,
-        "randomizable": list(core.randomizable),
-        "config": row["id"] in shipped_ids(),
+        "randomizable": sorted(core.randomizable),
+        "config": row["id"] in config_ids(),
     }
 
 
@@ -76,7 +76,7 @@ def main(
             if json:
                 tell_json(row)
             else:
-                tell_one(row)
+                tell_one(row, environment if ":" in environment else short_name(env_id))
             return
         rows = [described(env_id, summary) for env_id, summary in summaries.items()]
         if json:
@@ -110,8 +110,8 @@ def tell_all(rows: list[dict[str, Any]]) -> None:
     say("observation: sizes of achieved_goal + desired_goal + observation. All about one: tensegrity list ID")
 
 
-def tell_one(row: dict[str, Any]) -> None:
-    """All about one environment."""
+def tell_one(row: dict[str, Any], name: str) -> None:
+    """All about one environment, which commands know by a name."""
     table = Table(box=None, pad_edge=False, show_header=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
@@ -126,5 +126,4 @@ def tell_one(row: dict[str, Any]) -> None:
         if shown != "":
             table.add_row(key.replace("_", " "), Text(str(shown)))
     console.print(table)
-    name = short_name(row["id"])
     say(f"\ntensegrity watch {name}    tensegrity play {name}    tensegrity compare {name}")

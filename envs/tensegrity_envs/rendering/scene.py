@@ -32,7 +32,8 @@ class Scene:
         caption: one line at the top.
         reach: what lies this close to the centre, sideways and upwards, is in the picture [m].
         failure: why the episode failed, or "".
-        base: names of the nodes that the ground carries; None for the first two.
+        base: names of the nodes that the ground carries, of which one line is drawn, from the first to the last; None
+            for the first two, empty for no line.
         load: force at the tip [N]; drawn as an arrow.
         load_scale: force whose arrow is a quarter of the reach long [N].
         curve: the way of a moving goal [m].

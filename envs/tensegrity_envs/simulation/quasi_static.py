@@ -133,12 +133,15 @@ class InputControl(ABC):
             before: a step earlier, but with the inputs of this step.
         """
         xp = namespace_of(*state.configuration)
-        failure = xp.where(self._outside(mechanism, state.configuration), JOINT_LIMIT, RUNNING)
+        failure = xp.where(self.is_outside(mechanism, state.configuration), JOINT_LIMIT, RUNNING)
         slack = self.slack(mechanism, state.configuration, state.inputs)
         return xp.where(slack > LARGEST_SLACK, SLACK, failure)
 
-    def _outside(self, mechanism: Any, q: Components) -> Component:
-        """Whether a joint is beyond its limit."""
+    def is_outside(self, mechanism: Any, q: Components) -> Component:
+        """Whether a configuration is beyond its limits: here, one of its components beyond the design's `joint_limit`.
+
+        Episodes end there ("joint limit"). A mechanism with other limits says so in a subclass.
+        """
         outside: Component = abs(q[0]) > mechanism.design.joint_limit
         for angle in q[1:]:
             outside = outside | (abs(angle) > mechanism.design.joint_limit)
@@ -179,7 +182,7 @@ class InputControl(ABC):
         u, fraction = continuation(path, self.to_coordinates(mechanism, state.configuration), self.resolution)
         q = self.from_coordinates(mechanism, u)
         reached = self.at_rest(mechanism, q, *between(fraction), time)
-        outside = self._outside(mechanism, q)
+        outside = self.is_outside(mechanism, q)
         buckled = fraction < 1
         failure = xp.where(outside, JOINT_LIMIT, xp.where(buckled, BUCKLED, RUNNING))  # the limit was passed first
         # What buckles has lost its stiffness, whatever little was left at the last stable point.

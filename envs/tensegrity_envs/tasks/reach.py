@@ -14,7 +14,7 @@ class Reach(Task):
     """Reward of a reaching task.
 
     Attributes:
-        joint_span: scale of the distance from a solution.
+        joint_span: scale of the distance from a solution, in the unit of the configuration.
         weights: the weights of the dense reward.
     """
 
@@ -26,7 +26,7 @@ class Reach(Task):
         return super().is_success(error, state, episode) & (state.stability_margin > 0)
 
     def distance_to(self, xp: Namespace, state: State, solution: Components) -> Component:
-        """The distance of a state from a solution: the largest joint difference [rad]."""
+        """The distance of a state from a solution: the largest difference of a coordinate of the configuration."""
         largest: Component = 0.0
         for angle, goal in zip(state.configuration, solution, strict=True):
             largest = xp.maximum(largest, abs(angle - goal))
