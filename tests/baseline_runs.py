@@ -18,7 +18,18 @@ def of_group(env_id):
 
 
 @cache
-def columns_of(env_id, name):
+def run_of(env_id, name, **options):
     """The first validation episodes of a baseline: 40; 6 of the simulated prism, where each takes long."""
     episodes = 6 if "PrismTrackMuJoCo" in env_id else 40
-    return evaluate(make_controller(name, env_id), env_id, episodes, VALIDATION_SEED, name).columns
+    controller = make_controller(name, env_id, options)
+    return evaluate(controller, env_id, episodes, VALIDATION_SEED, name, env_options=options)
+
+
+def columns_of(env_id, name, **options):
+    """Its numbers by episode, and shares of success."""
+    return run_of(env_id, name, **options).columns
+
+
+def success_of(env_id, name, **options):
+    """Its share of success."""
+    return columns_of(env_id, name, **options)["success"].mean()

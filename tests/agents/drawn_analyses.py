@@ -4,8 +4,10 @@ Tests that take one belong to the xdist group of its mechanism (`of_group`).
 """
 
 import atexit
+import io
 import shutil
 import tempfile
+from contextlib import redirect_stdout
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -48,9 +50,11 @@ def drawn(mechanism):
 
     def keep(figure, stem, title=""):
         figures.append((stem, title, faults(figure)))
+        figure.set_layout_engine("none")  # laid out once, not again for every format
         return save(figure, stem, title)
 
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as printed:
         patch.setattr(base, "save", keep)
         numbers = analyze(mechanism, DESIGNS[mechanism], folder, lambda *step: steps.append(step))
+    assert not printed.getvalue()  # standard output belongs to `--json`
     return Drawn(folder, figures, numbers, steps)

@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from baseline_runs import of_group, run_of, success_of
 from tensegrity_agents.controllers import baselines_of, make_controller
 from tensegrity_agents.controllers.dual_triangle import Observer
 from tensegrity_agents.controllers.dual_triangle.identification import advance, explain
@@ -201,13 +202,12 @@ LEAST = {
 
 @pytest.mark.parametrize(("env_id", "name"), LEAST)
 def test_success(env_id, name):
-    run = evaluate(make_controller(name, env_id), env_id, 100, VALIDATION_SEED, name)
-    assert run.columns["success"].mean() >= LEAST[env_id, name]
+    assert success_of(env_id, name) >= LEAST[env_id, name]
 
 
+@of_group(LOADED)
 def test_nominal_controllers_fail_under_load():
-    run = evaluate(make_controller("closed_form_squares", LOADED), LOADED, 100, VALIDATION_SEED, "ik")
-    assert run.columns["success"].mean() < 0.2
+    assert success_of(LOADED, "closed_form_squares") < 0.2
 
 
 def test_the_oracle_goes_where_the_observer_buckles():
@@ -219,8 +219,9 @@ def test_the_oracle_goes_where_the_observer_buckles():
     assert runs["oracle"].columns["success"].all()
 
 
+@of_group(PUSH)
 def test_the_push_is_held_up_to_what_the_best_posture_withstands():
-    runs = {name: evaluate(make_controller(name, PUSH), PUSH, 40, VALIDATION_SEED, name) for name in baselines_of(PUSH)}
+    runs = {name: run_of(PUSH, name) for name in baselines_of(PUSH)}
     scores = {name: run.columns["score"] for name, run in runs.items()}
     assert scores["random"].mean() < scores["closed_form"].mean() < scores["pseudo_inverse"].mean()
     assert scores["pseudo_inverse"].mean() < scores["observer"].mean()

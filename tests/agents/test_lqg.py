@@ -9,6 +9,7 @@ from scipy.optimize import lsq_linear
 
 pytest.importorskip("mujoco")
 
+from baseline_runs import columns_of
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.controllers.believed_plant import BelievedPlant
 from tensegrity_agents.controllers.delay_line import first_line, seen, sent
@@ -217,7 +218,7 @@ def test_estimates_are_those_of_the_simulation(env_id):
 def test_it_settles_sooner_than_the_regulator(env_id):
     settled = {}
     for name in ("lqr", "lqg"):
-        columns = evaluate(make_controller(name, env_id), env_id, 30, VALIDATION_SEED, name).columns
+        columns = columns_of(env_id, name)
         settled[name] = np.median(columns["settling_time_s"])
         assert name == "lqr" or columns["success"].mean() >= 0.96
     assert settled["lqg"] < settled["lqr"]

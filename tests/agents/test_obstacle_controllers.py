@@ -11,11 +11,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 import tensegrity_envs
+from baseline_runs import run_of, success_of
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.controllers.connecting import connect
 from tensegrity_agents.controllers.obstacles.clearing import Clearing
 from tensegrity_agents.controllers.obstacles.planning import PathPlanner
-from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_envs.geometry.clearance import bars_of
 from tensegrity_envs.seeding import VALIDATION_SEED
 
@@ -149,18 +149,15 @@ def test_the_planner_finds_what_a_dense_roadmap_finds(env_id):
 @every_id
 def test_going_straight_collides_and_the_planner_arrives(env_id):
     straight = "straight_path" if "DualTriangle" in env_id else "closed_form_ik"
-    share = {
-        name: np.mean(evaluate(make_controller(name, env_id), env_id, 40, VALIDATION_SEED, name).columns["success"])
-        for name in (straight, "planner")
-    }
+    share = {name: success_of(env_id, name) for name in (straight, "planner")}
     assert share["planner"] >= 0.95
     assert share[straight] < 0.6
 
 
 @every_id
 def test_the_pseudo_inverse_seldom_touches(env_id):
-    run = evaluate(make_controller("pseudo_inverse", env_id), env_id, 40, VALIDATION_SEED, "pseudo_inverse")
-    assert run.reasons.count("collision") <= 2  # inputs do not move joints along straight lines
+    # Inputs do not move joints along straight lines.
+    assert run_of(env_id, "pseudo_inverse").reasons.count("collision") <= 2
 
 
 @every_id

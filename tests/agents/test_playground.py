@@ -192,7 +192,7 @@ def test_planar_four_bar(in_browser):
     assert compared > 500
 
 
-@pytest.mark.parametrize("count", [150, pytest.param(1000, marks=pytest.mark.full)])
+@pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.full)])
 def test_spatial_prism(in_browser, count):
     inputs = random_inputs("spatial-prism")[:count]
     prism, compared = SpatialPrism(), 0

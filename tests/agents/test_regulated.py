@@ -7,10 +7,8 @@ from scipy.linalg import expm
 
 pytest.importorskip("mujoco")
 
-from tensegrity_agents.controllers import make_controller
+from baseline_runs import columns_of
 from tensegrity_agents.controllers.input_shaping import Vibration, shaped, vibration_of
-from tensegrity_agents.evaluation.rollout import evaluate
-from tensegrity_envs.seeding import VALIDATION_SEED
 from tensegrity_envs.simulation.mujoco.linearizing import linearize
 
 IDS = ("tensegrity/TwoXFastReachMuJoCo-v0", "tensegrity/DualTriangleFastReachMuJoCo-v0")
@@ -93,7 +91,7 @@ def test_the_linear_motion_is_that_of_the_simulation(env_id):
 def test_the_regulator_settles_sooner_than_the_ramp(env_id):
     settled = {}
     for name in ("closed_form_ramp", "lqr"):
-        columns = evaluate(make_controller(name, env_id), env_id, 60, VALIDATION_SEED, name).columns
+        columns = columns_of(env_id, name)
         assert columns["success"].mean() >= 0.9
         settled[name] = np.median(columns["settling_time_s"])
     assert settled["lqr"] < 0.75 * settled["closed_form_ramp"]

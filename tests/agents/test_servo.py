@@ -4,9 +4,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from baseline_runs import success_of
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.controllers.resting import ends_of_plans
-from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.evaluation.tuning import tune
 from tensegrity_envs.seeding import VALIDATION_SEED
 
@@ -68,25 +68,14 @@ def test_the_command_is_what_acts_once_the_delay_is_over(name):
 def test_uncertain_arms_reach_where_the_observer_does_not(env_id, name, least):
     if env_id == DYNAMIC:
         pytest.importorskip("mujoco")
-    success = [
-        evaluate(make_controller(one, env_id), env_id, 100, VALIDATION_SEED, one).columns["success"].mean()
-        for one in ("observer", name)
-    ]
+    success = [success_of(env_id, one) for one in ("observer", name)]
     assert success[0] < 0.35
     assert success[1] >= least
 
 
 @pytest.mark.parametrize("env_id", [TENSION, PAYLOAD, LOADED])
 def test_the_nominal_arm_is_not_forgotten(env_id):
-    run = evaluate(
-        make_controller("identifying_observer", env_id, {"level": 0}),
-        env_id,
-        100,
-        VALIDATION_SEED,
-        "x",
-        env_options={"level": 0},
-    )
-    assert run.columns["success"].mean() >= 0.95
+    assert success_of(env_id, "identifying_observer", level=0) >= 0.95
 
 
 def test_ends_of_plans():

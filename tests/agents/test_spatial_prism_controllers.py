@@ -4,12 +4,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from baseline_runs import of_group, run_of, success_of
 from tensegrity_agents.controllers import baselines_of, make_controller
 from tensegrity_agents.controllers.spatial_prism.identification import identify
 from tensegrity_agents.controllers.spatial_prism.reading import read
-from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_envs.mechanics import SpatialPrism, SpatialPrismDesign
-from tensegrity_envs.seeding import VALIDATION_SEED
 
 TRACK, PAYLOAD = (f"tensegrity/SpatialPrism{name}-v0" for name in ("Track", "PayloadTrack"))
 
@@ -43,7 +42,7 @@ def test_the_payload_is_identified_from_position_and_lengths(design):
     ("name", "least"), [("closed_form_ik", 0.98), ("pseudo_inverse", 0.98), ("observer", 0.98), ("oracle", 0.99)]
 )
 def test_success_on_validation_episodes(env_id, name, least):
-    run = evaluate(make_controller(name, env_id), env_id, 100, VALIDATION_SEED, name)
+    run = run_of(env_id, name)
     rate = run.columns["success"].mean()
     if env_id == PAYLOAD and name == "closed_form_ik":
         assert 0.6 < rate < 0.9  # it does not know that the payload makes the platform sag and turn
@@ -52,10 +51,10 @@ def test_success_on_validation_episodes(env_id, name, least):
     assert not any(run.reasons)
 
 
+@of_group(PAYLOAD)
 def test_random_actions_do_not_succeed():
     assert list(baselines_of(PAYLOAD))[-1] == "random"
-    run = evaluate(make_controller("random", PAYLOAD), PAYLOAD, 100, VALIDATION_SEED, "random")
-    assert run.columns["success"].sum() == 0
+    assert success_of(PAYLOAD, "random") == 0
 
 
 def test_the_oracle_needs_the_truth():

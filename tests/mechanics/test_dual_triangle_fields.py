@@ -21,9 +21,9 @@ def test_postures_that_are_held_are_inside_and_fill_it(design, push):
     b = float(design.b1)
     load = (-push * float(arm.straight_critical_loads()[0]), 0.0)
     measure = stiffness(arm, load) if push else room(arm)
-    field = maximum(arm, measure, 301)
+    field = maximum(arm, measure, 251)
     region = region_of(field, b)
-    # Measured: at most 0.006 b outside without a load, 0.021 b with one; a cell of the grid is 0.034 b.
+    # Measured with 301 cells: at most 0.006 b outside without a load, 0.021 b with one; one of 251 cells is 0.041 b.
     assert shapely.contains_xy(region.buffer(0.03 * b), *random_tips(arm, measure)).all()
     inside = field.value > 0
     held = tuple(field.best[:, inside])
@@ -44,5 +44,5 @@ def test_halves_are_mirror_images_and_postures_get_there():
 
 def test_the_boundary_does_not_depend_on_the_grid():
     arm = DualTriangle(ZHAO2021_TEXT)
-    areas = [region_of(maximum(arm, room(arm), cells), float(arm.design.b1)).area for cells in (201, 301, 401)]
+    areas = [region_of(maximum(arm, room(arm), cells), float(arm.design.b1)).area for cells in (151, 201, 301)]
     np.testing.assert_allclose(areas, areas[-1], rtol=2e-3)

@@ -3,6 +3,7 @@
 """
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -34,6 +35,22 @@ class Drawn(NamedTuple):
     configuration: Components
     tensions: Components | None
     target_configuration: Components
+
+
+@lru_cache(maxsize=8)  # a mebibyte or, of three joints and a hidden payload, eight
+def _components(arm: type[Any], design: Any, levels: tuple[float, ...], nodes: int) -> np.ndarray:
+    """Numbers of the connected components on a grid, for every level of the payload; 0 outside.
+
+    Environments of one design share them.
+    """
+    from scipy import ndimage  # slow to import, and only needed here
+
+    axis = np.linspace(-design.joint_limit, design.joint_limit, nodes)
+    grid = tuple(np.meshgrid(*[axis] * int(arm(design).degrees_of_freedom), indexing="ij"))
+    inside = (_is_far_inside(*arm(replace(design, payload=p)).posture(grid)[1:]) for p in levels)
+    components = np.stack([ndimage.label(here)[0] for here in inside])
+    components.flags.writeable = False
+    return components
 
 
 class Sampler:
@@ -74,15 +91,8 @@ class Sampler:
 
     def _labelled(self) -> np.ndarray:
         """Numbers of the connected components on the grid, for every level of the payload; 0 outside."""
-        from scipy import ndimage  # slow to import, and only needed here
-
-        design = self.design
-        axis = np.linspace(-design.joint_limit, design.joint_limit, self.nodes)
-        grid = tuple(np.meshgrid(*[axis] * self.joints, indexing="ij"))
-        inside = (
-            _is_far_inside(*self.arm(replace(design, payload=p)).posture(grid)[1:]) for p in self._levels.tolist()
-        )
-        return np.stack([ndimage.label(here)[0] for here in inside])
+        arm: Any = self.arm  # hashable, as classes are
+        return _components(arm, self.design, tuple(self._levels.tolist()), self.nodes)
 
     def _joined(self, mechanism: Any, payload: np.ndarray, start: Components, q: Components) -> np.ndarray:
         """Whether configurations are in the connected components that those of the starts are in."""
