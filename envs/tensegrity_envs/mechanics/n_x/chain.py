@@ -10,9 +10,10 @@ from tensegrity_envs.compiler.pytree import tree_leaves
 from tensegrity_envs.mechanics.design import Index, Member, take
 from tensegrity_envs.mechanics.n_x import statics, structure, tensions
 from tensegrity_envs.mechanics.n_x.design import NXDesign
-from tensegrity_envs.mechanics.n_x.joint import Joint, joint_at
-from tensegrity_envs.mechanics.n_x.routing import cable_names, routing_table
+from tensegrity_envs.mechanics.n_x.routing import PER_JOINT, cable_names, routing_table
 from tensegrity_envs.mechanics.stiffness import TipStiffness
+from tensegrity_envs.mechanics.x_joints.curve import Geometry
+from tensegrity_envs.mechanics.x_joints.joint import Bars, Joint, joint_at
 
 NO_LOAD = (0.0, 0.0)
 _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
@@ -47,6 +48,21 @@ class Chain:
         return type(self)(take(self.design, index)) if isinstance(self._probe, np.ndarray) else self
 
     # ------------------------------------------------------------------------------------------------ geometry
+
+    @property
+    def bars(self) -> tuple[Bars, ...]:
+        """Those of the joints, from the base on."""
+        return tuple(map(Bars, self._b, self.design.each("l"), self.offsets))
+
+    @property
+    def geometry(self) -> Geometry:
+        """See `x_joints.curve.Pair`."""
+        columns = (self._b, self.design.each("l"), self.offsets)
+        b, l, a = (tuple(np.array([value], float) for value in column) for column in columns)
+        design: NXDesign = object.__new__(NXDesign)
+        kept = {"joints": self.degrees_of_freedom, "routing": PER_JOINT, "k_right": None}
+        vars(design).update(dict.fromkeys(vars(self.design), 1.0) | {"b": b, "l": l, "a": a} | kept)
+        return Chain, design
 
     @property
     def reach(self) -> Component:

@@ -7,7 +7,8 @@ import numpy as np
 
 from tensegrity_envs.mechanics.n_x.chain import CableArm
 from tensegrity_envs.mechanics.n_x.design import NXDesign
-from tensegrity_envs.mechanics.n_x.pair import Lengths, solve_pair
+from tensegrity_envs.mechanics.x_joints.curve import angle_on_curve
+from tensegrity_envs.mechanics.x_joints.pairs import crossings, solve
 
 
 class InverseSolution(NamedTuple):
@@ -35,12 +36,6 @@ class InverseSolution(NamedTuple):
         return self.stability_margin > 0 and self.wrench_margin >= 0
 
 
-def lengths(design: NXDesign) -> list[Lengths]:
-    """The joints of a single design."""
-    columns = (design.each(field) for field in ("b", "l", "a"))
-    return [Lengths(*map(float, row)) for row in zip(*columns, strict=True)]
-
-
 def last_joints(design: NXDesign, count: int) -> NXDesign:
     """The design of the last joints, for kinematics: cables per joint."""
     fields: dict[str, Any] = {name: design.each(name)[-count:] for name in ("b", "l", "a", "k_left", "k_right")}
@@ -53,22 +48,19 @@ def all_solutions(arm: CableArm, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
     Raises:
         ValueError: the target is the base, which arms without offsets and with equal joints reach in a continuum.
     """
-    design, limit = arm.design, float(arm.design.joint_limit)
-    joints = lengths(design)
+    limit = float(arm.design.joint_limit)
     if arm.degrees_of_freedom == 2:
-        if joints[0] == joints[1] and joints[0].a == 0 and (np.hypot(x, y) < 1e-12 * joints[0].l).any():
-            raise ValueError(
-                "target (0, 0): the base, which every configuration with alpha_1 + alpha_2 = +-2 pi reaches"
-            )
-        return solve_pair(joints[0], joints[1], arm.tip, arm.jacobian, x, y, limit)
-    (joint,) = joints
-    found = np.concatenate(joint.angles_at(x, y, x * x + y * y))
-    owner = np.tile(np.arange(len(x)), 3)
-    fine = np.isfinite(found) & (np.abs(found) <= limit)
+        owner, q, residual = solve(arm, x, y)
+        return owner, np.stack(q), residual
+    (bars,) = arm.bars
+    alpha, u, rc, rr = angle_on_curve(bars, x, y, x * x + y * y)
+    node, fold = crossings(bars, u, rc, rr)
+    owner, found = np.concatenate([np.arange(len(x)), node, node]), np.concatenate([alpha, fold, -fold])
+    fine = np.abs(found) <= limit
     owner, found = owner[fine], found[fine]
-    px, py = joint.end(found)
+    px, py = arm.tip((found,))
     residual = np.hypot(px - x[owner], py - y[owner])
-    on_curve = residual < 1e-9 * (joint.l + joint.a)
+    on_curve = residual < 1e-9 * arm.reach
     owner, found, residual = owner[on_curve], found[on_curve], residual[on_curve]
     _, first = np.unique(np.round(np.stack([owner, found]), 9), axis=1, return_index=True)
     return owner[first], found[None, first], residual[first]

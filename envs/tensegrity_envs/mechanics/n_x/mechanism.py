@@ -18,9 +18,9 @@ from tensegrity_envs.mechanics.eigenvalues import smallest_eigenvalue
 from tensegrity_envs.mechanics.n_x import buckling, inverse, programmes, redundancy, statics, tensions, wrenches
 from tensegrity_envs.mechanics.n_x.chain import NO_LOAD, CableArm, symmetric
 from tensegrity_envs.mechanics.n_x.design import NXDesign
-from tensegrity_envs.mechanics.n_x.joint import Joint
 from tensegrity_envs.mechanics.n_x.routing import FROM_BASE, PER_JOINT
 from tensegrity_envs.mechanics.n_x.vertices import extreme_stiffness
+from tensegrity_envs.mechanics.x_joints.joint import Joint
 
 _CELLS = (32, 32, 16)  # along each joint, with which the search for all equilibria begins
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, is_symbol, is_tensor, namespace_of
 from tensegrity_envs.mechanics.n_x.chain import CableArm
-from tensegrity_envs.mechanics.n_x.joint import Joint
 from tensegrity_envs.mechanics.n_x.tensions import Held, moment_table
 from tensegrity_envs.mechanics.n_x.zonotope import largest_lower_bound
+from tensegrity_envs.mechanics.x_joints.joint import Joint
 
 _MOST_CUTS = 80
 _GAP = 1e-9  # of the smallest eigenvalue, relative to the largest entry of the matrix

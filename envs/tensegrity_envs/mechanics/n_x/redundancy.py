@@ -14,8 +14,9 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.n_x.chain import CableArm
-from tensegrity_envs.mechanics.n_x.inverse import last_joints, lengths
-from tensegrity_envs.mechanics.n_x.pair import beyond, solve_pair
+from tensegrity_envs.mechanics.n_x.inverse import last_joints
+from tensegrity_envs.mechanics.x_joints.curve import beyond
+from tensegrity_envs.mechanics.x_joints.pairs import solve
 
 Objective = Literal["sum", "max", "squares", "margin"]
 _OBJECTIVES = ("sum", "max", "squares", "margin")
@@ -116,13 +117,12 @@ def starts(arm: CableArm, x: np.ndarray, y: np.ndarray, limit: float, count: int
     owner, q = owner[there], q[:, there]
     if n > 3:
         return owner, q
-    joints = lengths(arm.design)
     angles = np.linspace(-limit, limit, _FIRST_ANGLES)
     target, first = np.repeat(np.arange(m), len(angles)), np.tile(angles, m)
-    dx, dy, _ = beyond(joints[0], x[target], y[target], first)
+    dx, dy, _ = beyond(arm.bars[0], x[target], y[target], first)
     tail = type(arm)(last_joints(arm.design, 2))
-    line, others, _ = solve_pair(joints[1], joints[2], tail.tip, tail.jacobian, dx, dy, limit)
-    return np.concatenate([owner, target[line]]), np.hstack([q, np.vstack([first[line], others])])
+    line, others, _ = solve(tail, dx, dy)
+    return np.concatenate([owner, target[line]]), np.hstack([q, np.vstack([first[line], *others])])
 
 
 def walk(

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.mechanics.n_x.joint import Joint
+from tensegrity_envs.mechanics.x_joints.joint import Joint
 
 
 class Turn(NamedTuple):

@@ -13,9 +13,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace
-from tensegrity_envs.mechanics.n_x.joint import Joint
 from tensegrity_envs.mechanics.n_x.routing import Routing
 from tensegrity_envs.mechanics.n_x.zonotope import largest_lower_bound
+from tensegrity_envs.mechanics.x_joints.joint import Joint
 
 _FAR = 1e100  # [-] further than any t
 

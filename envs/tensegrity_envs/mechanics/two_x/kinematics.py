@@ -2,25 +2,17 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace, is_symbol, namespace_of
 from tensegrity_envs.mechanics.design import Index, Member, take
 from tensegrity_envs.mechanics.two_x.design import MURALIDHARAN2022, TwoXDesign
+from tensegrity_envs.mechanics.x_joints.curve import Geometry
+from tensegrity_envs.mechanics.x_joints.joint import Bars, Joint, joint_at
 
 _BARS = "A1 C1, B1 D1, D1 C1, D1 A2, D1 B2, C1 B2, A2 B2, A2 C2, B2 D2, D2 C2, D2 P, C2 P"
-
-
-class Joint(NamedTuple):
-    """Half-angle sine and cosine of a joint, the distance r of its bars' midpoints, and r's derivatives in alpha."""
-
-    s: Component
-    c: Component
-    r: Component
-    dr: Component
-    ddr: Component
 
 
 class TwoXKinematics:
@@ -61,6 +53,20 @@ class TwoXKinematics:
         return take(self, index)
 
     @property
+    def bars(self) -> tuple[Bars, Bars]:
+        """Those of both joints, which are alike."""
+        bars = Bars(self.design.b, self.design.l, self.design.a)
+        return bars, bars
+
+    @property
+    def geometry(self) -> Geometry:
+        """See `x_joints.curve.Pair`."""
+        design: TwoXDesign = object.__new__(TwoXDesign)
+        lengths = {name: np.array([getattr(self.design, name)], float) for name in ("b", "l", "a")}
+        vars(design).update(dict.fromkeys(vars(self.design), 1.0) | lengths)
+        return TwoXKinematics, design
+
+    @property
     def reach(self) -> Component:
         """An upper bound of the tip's distance from the base [m]."""
         return 2 * (self.design.l + self.design.a)
@@ -69,10 +75,7 @@ class TwoXKinematics:
         return self._joint_at(xp, xp.sin(alpha / 2), xp.cos(alpha / 2))
 
     def _joint_at(self, xp: Namespace, s: Component, c: Component) -> Joint:
-        bb = self._bb
-        r = xp.sqrt(self._excess + bb * s * s)  # = sqrt(l^2 - b^2 c^2) without its cancellation for l close to b
-        dr = bb * s * c / (2 * r)
-        return Joint(s, c, r, dr, (bb * (c * c - s * s) / 4 - dr * dr) / r)
+        return joint_at(xp, self.design.b, self._excess, s, c)
 
     def _xp(self, *components: Component) -> Namespace:
         return namespace_of(self._probe, *components)
@@ -170,10 +173,7 @@ class TwoXKinematics:
         xp = self._xp(*q)
         sides: list[Component] = []
         for alpha in q:
-            joint = self._joint(xp, alpha)
-            longer = joint.r + self.design.b * abs(joint.s)
-            shorter = self._excess / longer
-            sides += [xp.where(joint.s > 0, shorter, longer), xp.where(joint.s > 0, longer, shorter)]
+            sides += self._joint(xp, alpha).sides(xp)
         return tuple(sides)
 
     def is_within_limits(self, q: Sequence[Component]) -> Component:

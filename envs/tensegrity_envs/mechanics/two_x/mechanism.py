@@ -22,8 +22,9 @@ from tensegrity_envs.mechanics.checks import check_finite, sized
 from tensegrity_envs.mechanics.stiffness import TipStiffness
 from tensegrity_envs.mechanics.two_x import inverse as _inverse
 from tensegrity_envs.mechanics.two_x.design import TwoXDesign
-from tensegrity_envs.mechanics.two_x.inverse import InverseSolution, solve
+from tensegrity_envs.mechanics.two_x.inverse import InverseSolution
 from tensegrity_envs.mechanics.two_x.statics import TwoXStatics
+from tensegrity_envs.mechanics.x_joints.pairs import solve
 
 _NO_LOAD = (0.0, 0.0)
 

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace
-from tensegrity_envs.mechanics.two_x.kinematics import Joint, TwoXKinematics, directions
+from tensegrity_envs.mechanics.two_x.kinematics import TwoXKinematics, directions
+from tensegrity_envs.mechanics.x_joints.joint import Joint
 
 _NO_LOAD = (0.0, 0.0)
 _FLATTEST = 1 - 1e-9  # |sin(alpha/2)| at which a joint counts as flat
@@ -34,8 +35,8 @@ class TwoXStatics(TwoXKinematics):
 
     def _passive(self, xp: Namespace, j1: Joint, j2: Joint, load: Sequence[Component]) -> tuple[Component, ...]:
         """Gradient [N m] and Hessian [N m/rad] of the energy without cables: (g1, g2, h11, h12, h22)."""
-        s1, c1, r1, dr1, ddr1 = j1
-        s2, c2, r2, dr2, ddr2 = j2
+        _, _, s1, c1, r1, dr1, ddr1 = j1
+        _, _, s2, c2, r2, dr2, ddr2 = j2
         a = self.design.a
         sin_a1, cos_a1, s12, c12, end_s, end_c = directions(j1, j2)
         sin_a2, cos_a2 = 2 * s2 * c2, c2 * c2 - s2 * s2
@@ -155,10 +156,7 @@ class TwoXStatics(TwoXKinematics):
         for joint, g, h in ((j1, g1, h11), (j2, g2, h22)):
             # Equilibrium of a joint: F_left * left - F_right * right = moment, where moment = 2 r g / (b cos(alpha/2)).
             moment = 2 * joint.r * g / (b * joint.c)
-            longer = joint.r + b * abs(joint.s)
-            shorter = self._excess / longer
-            left = xp.where(joint.s > 0, shorter, longer)
-            right = xp.where(joint.s > 0, longer, shorter)
+            left, right = joint.sides(xp)
             # Whichever cable is not at the maximum follows from equilibrium.
             other_right = (top * left - moment) / right
             other_left = (top * right + moment) / left

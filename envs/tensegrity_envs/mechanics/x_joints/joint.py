@@ -45,3 +45,27 @@ def joint_at(xp: Namespace, b: Component, excess: Component, s: Component, c: Co
     r = xp.sqrt(excess + bb * s * s)  # = sqrt(l^2 - b^2 c^2) without its cancellation for l close to b
     dr = bb * s * c / (2 * r)
     return Joint(b, excess, s, c, r, dr, (bb * (c * c - s * s) / 4 - dr * dr) / r)
+
+
+class Bars(NamedTuple):
+    """The bars of a joint and the offset beyond it [m].
+
+    Attributes:
+        b: length of base and top bar.
+        l: length of the crossed bars, l > b.
+        a: length of the offset.
+    """
+
+    b: Component
+    l: Component
+    a: Component
+
+    @property
+    def excess(self) -> Component:
+        """l^2 - b^2 [m2]."""
+        return (self.l - self.b) * (self.l + self.b)
+
+    @property
+    def flatness(self) -> Component:
+        """1 - (b / l)^2."""
+        return self.excess / (self.l * self.l)

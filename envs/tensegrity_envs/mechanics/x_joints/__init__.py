@@ -1,0 +1,1 @@
+"""What all arms of X-joints (anti-parallelograms) share: one joint, and the inverse kinematics of two in series."""
