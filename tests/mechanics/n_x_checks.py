@@ -122,6 +122,20 @@ def missed_equilibria(seed, joints, starts):
     return found.shape[1], len(known), missed
 
 
+def distance_after_release(seed, joints):
+    """How far from a posture [rad] the arm rests under its stiffest tensions, released from beside it; None where they
+    do not hold it or its stability margin is below 0.02. Infinite where it comes to rest nowhere stable.
+    """
+    arm, rng = random_arm(seed, joints, strong=True)
+    load = tuple(rng.normal(0, 1, 2).tolist())
+    q = rng.uniform(-0.5, 0.5, joints)
+    tensions, stability, wrench = arm.posture(tuple(q.tolist()), load)
+    if wrench < 0 or stability < 0.02:
+        return None
+    found = arm.equilibrium(tensions, tuple((q + rng.uniform(-0.01, 0.01, joints)).tolist()), load)
+    return float(np.abs(np.subtract(found.configuration, q)).max()) if found.is_stable else np.inf
+
+
 def redundancy_targets(seed, joints, count):
     """An arm (every third one unequal), targets that it reaches, and starts."""
     rng = np.random.default_rng([seed, joints, 3])

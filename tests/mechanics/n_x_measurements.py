@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from n_x_checks import (
     derivative_errors,
+    distance_after_release,
     draw,
     is_held,
     missed_equilibria,
@@ -35,8 +36,8 @@ def derivatives(k):
 
 def wrench(k):
     """Wrench feasibility against a linear programme, one posture; not within 1e-9 of the boundary."""
-    joints = 1 + k % 5
-    arm, rng = random_arm(k // 5, joints, strong=k % 2 == 0)
+    joints = 1 + k % 6
+    arm, rng = random_arm(k // 6, joints, strong=k // 6 % 2 == 0)
     q, _, load = draw(arm, rng, min(arm.design.joint_limit, 3.0) * rng.choice([0.2, 0.5, 1.0]))
     margin = arm.wrench_margin(q, load=load)
     held = is_held(arm, q, load, arm.design.min_tension)
@@ -48,6 +49,13 @@ def equilibria(k):
     joints = 1 + k % 3
     by_starts, ours, missed = missed_equilibria(k // 3, joints, 2000)
     return {"joints": joints, "by starts": by_starts, "solver": ours, "missed": len(missed)}
+
+
+def reached(k):
+    """Four joints and more: whether the arm comes back to a posture under its stiffest tensions, from beside it."""
+    joints = 4 + k % 3
+    distance = distance_after_release(k // 3, joints)
+    return {"joints": joints, "released": int(distance is not None), "farthest [rad]": distance or 0.0}
 
 
 def redundancy(k):
@@ -66,6 +74,7 @@ WHAT = {
     "derivatives": (derivatives, 1200),
     "wrench": (wrench, 10_000),
     "equilibria": (equilibria, 600),
+    "reached": (reached, 600),
     "redundancy": (redundancy, 200),
     "redundancy-of-four": (redundancy_of_four, 100),
 }

@@ -83,6 +83,44 @@ def test_range_against_all_feasible_tensions(direction):
     assert above_zero >= 4
 
 
+def tension_grid(arm, q, load, count):
+    """Tensions that hold q, (k, cables): left ones on a grid of count^n, right ones by the balance of torques."""
+    if isinstance(arm, TwoX):
+        arm = NX(NXDesign.from_two_x(arm.design))
+    table, moments = np.array(arm.torque_matrix(q)), np.array(arm.passive_gradient(q, load))
+    low, high, n = arm.design.min_tension, arm.design.max_tension, len(q)
+    left = np.stack(np.meshgrid(*[np.linspace(low, high, count)] * n), axis=-1).reshape(-1, n)
+    right = np.linalg.solve(table[:, 1::2], moments[:, None] - table[:, ::2] @ left.T).T
+    inside = ((right >= low) & (right <= high)).all(axis=1)
+    return np.stack([left, right], axis=-1).reshape(-1, 2 * n)[inside]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_range_against_a_dense_grid_of_tensions(direction):
+    """Of up to 20,000 tensions for each posture: none beyond the range, and some next to both of its ends."""
+    gaps, points = [], 0
+    for arm, q, load, _ in arms(120):
+        cables = 2 * len(q)
+        if len(q) > 3 or getattr(arm.design, "routing", "per_joint") not in ("per_joint", "from_base"):
+            continue
+        every = tension_grid(arm, q, load, {1: 20_001, 2: 141, 3: 28}[len(q)])
+        if len(every) < 50:
+            continue
+        assert every.shape[1] == cables
+        least, greatest = arm.stiffness_range(q, load, direction)
+        values = np.asarray(arm.stiffness(q, tuple(every.T), load, direction))
+        assert values.min() >= least * (1 - 1e-9)
+        assert values.max() <= greatest * (1 + 1e-9)
+        points += len(every)
+        gaps.append([greatest / values.max() - 1, values.min() / least - 1 if least > 0 else 0.0])
+    upper, lower = np.array(gaps).T
+    print(f"{len(gaps)} postures, {points} tensions; ends beyond the grid by {np.median(gaps, axis=0)} in the median")
+    assert len(gaps) >= 20
+    assert np.median(upper) < 0.05
+    assert np.median(lower) < 0.05
+
+
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_tensions_for_a_stiffness(direction):
     for arm, q, load, rng in arms(16):

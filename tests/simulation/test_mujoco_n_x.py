@@ -28,6 +28,15 @@ DESIGNS = {
 }
 
 
+def chain(joints, routing):
+    """Unequal joints with the bars of the published 2-X, stiffer towards the base."""
+    share = np.linspace(1.1, 0.9, joints)
+    fields = {name: tuple((getattr(MURALIDHARAN2022, name) * share).tolist()) for name in ("b", "l", "a")}
+    stiff = tuple((300.0 * np.arange(joints, 0, -1)).tolist())
+    first = NXDesign.from_two_x(replace(MURALIDHARAN2022, joint_limit=2.6), joints)
+    return replace(first, **fields, k_left=stiff, payload=0.05, max_tension=60.0 * (joints + 1), routing=routing)
+
+
 @pytest.mark.parametrize("name", DESIGNS)
 def test_energies_and_settled_equilibria(name):
     arm = NX(DESIGNS[name])
@@ -48,3 +57,26 @@ def test_energies_and_settled_equilibria(name):
         assert found.reason == "at rest"
         assert found.configuration == pytest.approx(rest.configuration, abs=1e-4)
         settled += 1
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("routing", ["per_joint", "from_base"])
+@pytest.mark.parametrize("joints", range(1, 7))
+def test_arms_of_any_number_of_joints_settle_where_they_should(joints, routing):
+    """Twenty stable postures under their stiffest tensions, released from beside them."""
+    arm, rng = NX(chain(joints, routing)), np.random.default_rng(joints)
+    model, settled, largest = MujocoModel(arm), 0, 0.0
+    for _ in range(2000):
+        q = tuple(rng.uniform(-0.8, 0.8, joints).tolist())
+        tensions, stability, wrench = arm.posture(q)
+        if wrench < 0.01 or stability < 0.02:
+            continue
+        found = model.settle(tensions, np.array(q) + rng.uniform(-0.02, 0.02, joints), (0.0, 0.0))
+        assert found.reason == "at rest"
+        largest = max(largest, np.abs(np.subtract(found.configuration, q)).max())
+        settled += 1
+        if settled == 20:
+            break
+    print(f"{joints} joints, {routing}: {settled} postures, largest distance {largest:.2g} rad")
+    assert settled == 20
+    assert largest < 1e-4
