@@ -11,7 +11,16 @@ from tensegrity_envs import termination_reason
 from tensegrity_envs.mechanics import ZHAO2021_CAPTION, ZHAO2021_TEXT, DualTriangle, DualTriangleDesign
 
 REACH, LOADED, PUSH = (f"tensegrity/DualTriangle{task}-v0" for task in ("Reach", "LoadedReach", "Push"))
+OBSTACLES = "tensegrity/DualTriangleObstacleReach-v0"
 KB = 500.0 * 0.05  # [N]
+TAPERED = {
+    "a1": (0.055, 0.05, 0.045),
+    "b1": (0.05, 0.045, 0.04),
+    "b2": 0.045,
+    "k1": (700.0, 500.0, 300.0),
+    "k2": (700.0, 500.0, 300.0),
+    "free_length1": (0.06, 0.055, 0.05),
+}
 
 
 def make_vec(env_id, count, **options):
@@ -184,17 +193,17 @@ def test_targets_cover_the_workspace_and_are_reachable(design):
     assert np.ptp(target[1]) > 0.4
 
 
-@pytest.mark.parametrize("segments", [2, 4, 5])
+@pytest.mark.parametrize(("segments", "design"), [(2, None), (4, None), (5, None), (3, TAPERED)])
 @pytest.mark.parametrize("maker", [PseudoInverse, ClosedFormSquares])
-def test_an_arm_of_any_number_of_segments_reaches_its_targets(segments, maker):
-    envs = make_vec(REACH, 32, segments=segments)
+def test_an_arm_of_any_number_of_segments_reaches_its_targets(segments, design, maker):
+    envs = make_vec(REACH, 32, segments=segments, design=design)
     core = envs.unwrapped.core
-    assert core.task.tolerance == pytest.approx(0.003 * segments / 3)
+    arm = DualTriangle(core.design, segments)
+    assert core.task.tolerance == pytest.approx(0.003 * arm.reach / DualTriangle().reach)
     assert envs.single_action_space.shape == (segments,)
     controller = maker(core)
     observation, info = envs.reset(seed=0)
     assert info["configuration"].shape == (32, segments)
-    arm = DualTriangle(segments=segments)
     np.testing.assert_allclose(
         np.array(arm.tip(tuple(info["configuration"].T))).T, observation["achieved_goal"], atol=1e-7
     )
@@ -225,20 +234,43 @@ def test_targets_of_any_number_of_segments_can_be_chosen_and_those_out_of_reach_
         make_controller("oracle", REACH, {"segments": 5})
 
 
-def test_five_segments_settle_in_mujoco_where_they_are_in_equilibrium():
+@pytest.mark.parametrize(("segments", "design"), [(5, None), (3, TAPERED)])
+def test_segments_settle_in_mujoco_where_they_are_in_equilibrium(segments, design):
     pytest.importorskip("mujoco")
-    env = gym.make("tensegrity/DualTriangleReachMuJoCo-v0", segments=5, dynamics={"joint_damping": 0.1}).unwrapped
+    options = {"segments": segments, "design": design, "dynamics": {"joint_damping": 0.1}}
+    env = gym.make("tensegrity/DualTriangleReachMuJoCo-v0", **options).unwrapped
     _, info = env.reset(seed=1)
     for step in range(1000):
-        _, _, terminated, _, info = env.step(0.3 * (-1.0) ** np.arange(5) * (step < 20))
+        _, _, terminated, _, info = env.step(0.3 * (-1.0) ** np.arange(segments) * (step < 20))
         assert not terminated
-    arm = DualTriangle(segments=5)
+    arm = DualTriangle(env.core.design, segments)
     lengths = arm.free_lengths(tuple(info["control_inputs"].tolist()))
     rest = arm.equilibrium(lengths, tuple(info["configuration"].tolist()))
     np.testing.assert_allclose(info["configuration"], rest.configuration, atol=1e-4)
 
 
+@pytest.mark.parametrize("options", [{}, {"segments": 3, "obstacles": 2}, {"randomization": {"stiffness": (0.8, 1.2)}}])
+def test_unequal_segments_in_a_vector_are_those_of_single_environments(options):
+    env_id = OBSTACLES if "obstacles" in options else LOADED if options else REACH
+    envs, singles = make_vec(env_id, 3, design=TAPERED, **options), []
+    observations, _ = envs.reset(seed=3)
+    actions = np.random.default_rng(0).uniform(-0.3, 0.3, (5, 3, 3)).astype(np.float32)
+    for i in range(3):
+        env = gym.make(env_id, design=TAPERED, **options)
+        singles.append([env.reset(seed=3 + i)[0], *(env.step(action)[0] for action in actions[:, i])])
+    stepped = [observations, *(envs.step(action)[0] for action in actions)]
+    for k, observed in enumerate(stepped):
+        for key, values in observed.items():
+            np.testing.assert_array_equal(values, [single[k][key] for single in singles])
+
+
 def test_designs_that_cannot_be_used_are_refused():
+    with pytest.raises(ValueError, match="for 3 segments, not for 4: give segments=3"):
+        gym.make(REACH, design=TAPERED, segments=4)
+    with pytest.raises(ValueError, match="an arm of equal segments"):
+        gym.make(PUSH, design=TAPERED)
+    with pytest.raises(ValueError, match="not of links of different lengths; the closed forms"):
+        make_controller("oracle", REACH, {"design": TAPERED})
     soft = DualTriangleDesign.symmetric(a=0.025, b=0.05, k=500.0, free_length=0.05)  # violates condition (2)
     with pytest.raises(ValueError, match="condition"):
         gym.make(REACH, design=soft)

@@ -172,7 +172,7 @@ def random_n_x_design(seed: int, joints: int, routing: Any = "per_joint") -> NXD
 
 def dual_triangle_case(name: str, design: DualTriangleDesign, segments: int = 3) -> Case:
     # closer to the stops the lengths of springs vary too fast for differences; mpmath looks there
-    limit, size = 0.7 * design.joint_limit, (design.b1 + design.b2) / 2
+    limit, size = 0.7 * design.joint_limit, np.add(design.b1, design.b2).max() / 2
 
     def draw_inputs(rng: np.random.Generator, n: int) -> np.ndarray:
         if design.springs == "bilateral":
@@ -181,24 +181,30 @@ def dual_triangle_case(name: str, design: DualTriangleDesign, segments: int = 3)
         taut = rng.uniform(0.0, 0.02 * size, (2 * segments, n))
         return np.where(rng.uniform(size=(2 * segments, n)) < 0.6, taut, rng.uniform(9 * size, 10 * size, taut.shape))
 
-    sides = [(2 * a, math.hypot(a, b), math.hypot(a, b)) for a, b in ((design.a1, design.b1), (design.a2, design.b2))]
+    triangles = [pair for one in design.of_segments(segments) for pair in ((one.a1, one.b1), (one.a2, one.b2))]
     return Case(
         name,
         DualTriangle(design, segments),
         lambda rng, n: rng.uniform(-limit, limit, (segments, n)),
         draw_inputs,
-        (*sides[0], *sides[1]) * segments,
+        tuple(length for a, b in triangles for length in (2 * a, math.hypot(a, b), math.hypot(a, b))),
         first=(lambda q: tuple(q[: segments - 2])) if segments > 1 else None,
         is_feasible=lambda q, inputs, load: np.min(inputs, axis=0) > 0,
     )
 
 
-def random_dual_triangle_design(seed: int) -> DualTriangleDesign:
+def random_dual_triangle_design(seed: int, segments: int | None = None) -> DualTriangleDesign:
+    """Of equal segments, or with tuples of so many numbers."""
     rng = np.random.default_rng(seed)
     size = rng.uniform(0.02, 0.5)
-    a1, b1, a2, b2, free1, free2 = (float(size * value) for value in rng.uniform(0.4, 1.6, 6))
-    k1, k2 = (float(value) for value in rng.uniform(100.0, 1000.0, 2))
+    shape = (6,) if segments is None else (6, segments)
+    a1, b1, a2, b2, free1, free2 = (_plain(size * value) for value in rng.uniform(0.4, 1.6, shape))
+    k1, k2 = (_plain(value) for value in rng.uniform(100.0, 1000.0, (2, *shape[1:])))
     return DualTriangleDesign(a1, b1, a2, b2, k1, k2, free1, free2, "cable" if seed % 3 == 2 else "bilateral")
+
+
+def _plain(values: Any) -> Any:
+    return float(values) if np.ndim(values) == 0 else tuple(values.tolist())
 
 
 def four_bar_case(name: str, design: PlanarFourBarDesign) -> Case:
@@ -315,6 +321,10 @@ DUAL_TRIANGLE_MECHANISMS = [
     *(
         dual_triangle_case(f"dual-triangle random {seed}", random_dual_triangle_design(seed), (3, 1, 3, 2, 4, 3)[seed])
         for seed in range(6)
+    ),
+    *(
+        dual_triangle_case(f"dual-triangle unequal {n}", random_dual_triangle_design(seed, n), n)
+        for seed, n in enumerate((2, 3, 4))
     ),
 ]
 

@@ -11,6 +11,13 @@ OBJECTIVES = ("sum", "max", "squares", "margin")
 UNEQUAL = DualTriangleDesign(0.05, 0.04, 0.06, 0.05, 500.0, 450.0, 0.055, 0.05)
 
 
+def tapered(segments):
+    """Segments that become smaller and softer towards the tip."""
+    share = np.linspace(1.0, 0.7, segments)
+    fields = {name: tuple((0.05 * share).tolist()) for name in ("a1", "b1", "a2", "b2", "free_length1", "free_length2")}
+    return DualTriangleDesign(**fields, k1=tuple((500 * share).tolist()), k2=450.0)
+
+
 def wrapped(angle):
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
@@ -18,7 +25,7 @@ def wrapped(angle):
 def completed(arm, first, x, y, elbow):
     """The configurations with these first angles (n - 2, k), by intersecting circles about the last pivot but one."""
     lengths = arm.link_lengths
-    turn, px, py = np.zeros(first.shape[1]), np.full(first.shape[1], float(arm.design.b1)), np.zeros(first.shape[1])
+    turn, px, py = np.zeros(first.shape[1]), np.full(first.shape[1], float(arm.base_height)), np.zeros(first.shape[1])
     for angle, length in zip(first, lengths[:-2], strict=True):
         turn = turn + angle
         px, py = px + length * np.cos(turn), py + length * np.sin(turn)
@@ -42,7 +49,7 @@ def value_of(arm, objective, q, start):
         rows = [[np.broadcast_to(e, q[0].shape) for e in row] for row in arm.stiffness_matrix(tuple(safe), lengths)]
         table = np.moveaxis(np.array(rows, float), -1, 0)
         stability = np.linalg.eigvalsh(table)[:, 0] / arm.stiffness_scale
-        value = -np.minimum(stability, 2 * np.min(lengths, axis=0) / (arm.design.b1 + arm.design.b2))
+        value = -np.minimum(stability, 2 * np.min(lengths, axis=0) / (arm.chain[0].design.b1 + arm.chain[0].design.b2))
     else:
         move = np.abs(safe - np.asarray(start)[:, None])
         value = {"sum": move.sum(0), "max": move.max(0), "squares": (move**2).sum(0)}[objective]
@@ -91,7 +98,15 @@ def certify(arm, objectives, targets, starts, rounds, seed):
 
 
 @pytest.mark.parametrize(
-    ("segments", "design", "targets"), [(2, UNEQUAL, 6), (3, ZHAO2021_TEXT, 3), (4, UNEQUAL, 3), (5, ZHAO2021_TEXT, 2)]
+    ("segments", "design", "targets"),
+    [
+        (2, UNEQUAL, 6),
+        (3, ZHAO2021_TEXT, 3),
+        (3, tapered(3), 3),
+        (4, UNEQUAL, 3),
+        (4, tapered(4), 2),
+        (5, ZHAO2021_TEXT, 2),
+    ],
 )
 def test_no_better_optimum_from_20_starts(segments, design, targets):
     arm = DualTriangle(design, segments)
@@ -120,17 +135,18 @@ def test_three_segments_have_the_optima_of_the_curve():
 
 
 def test_two_segments_have_both_solutions():
-    arm, rng = DualTriangle(UNEQUAL, 2), np.random.default_rng(6)
-    for _ in range(20):
+    rng = np.random.default_rng(6)
+    for k in range(20):
+        arm = DualTriangle((UNEQUAL, tapered(2))[k % 2], 2)
         x, y = arm.tip(tuple(rng.uniform(-1.0, 1.0, 2).tolist()))
         expected = [s.configuration for s in arm.inverse_kinematics(x, y) if s.is_within_limits]
         found = sorted(one.configuration for one in arm.local_optima(x, y, "sum"))
         np.testing.assert_allclose(found, sorted(expected), atol=1e-9)
 
 
-@pytest.mark.parametrize("segments", [2, 4, 5])
-def test_redundancy_is_the_best_optimum_and_out_of_reach_the_nearest_point(segments):
-    arm, rng = DualTriangle(UNEQUAL, segments), np.random.default_rng(segments)
+@pytest.mark.parametrize(("segments", "design"), [(2, UNEQUAL), (3, tapered(3)), (4, UNEQUAL), (5, UNEQUAL)])
+def test_redundancy_is_the_best_optimum_and_out_of_reach_the_nearest_point(segments, design):
+    arm, rng = DualTriangle(design, segments), np.random.default_rng(segments)
     limit, reach = float(arm.design.joint_limit), float(arm.reach)
     x, y = rng.uniform(0.2 * reach, reach, 5), rng.uniform(-0.6 * reach, 0.6 * reach, 5)
     start = tuple(rng.uniform(-0.5, 0.5, (segments, 5)))

@@ -1,6 +1,7 @@
 """What arms of other than three segments and torques at the tip reveal: identification, equilibria, compliance."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,18 @@ from scipy.optimize import root
 from tensegrity_envs.mechanics import ZHAO2021_CAPTION, DualTriangle, DualTriangleDesign
 
 UNEQUAL = DualTriangleDesign(0.05, 0.04, 0.06, 0.05, 500.0, 450.0, 0.055, 0.05)
-ARMS = [(ZHAO2021_CAPTION, 2), (UNEQUAL, 4), (ZHAO2021_CAPTION, 5)]
+TAPERED = DualTriangleDesign(
+    a1=(0.055, 0.05, 0.045),
+    b1=(0.05, 0.045, 0.04),
+    a2=0.05,
+    b2=(0.05, 0.04, 0.045),
+    k1=(700.0, 500.0, 300.0),
+    k2=(650.0, 500.0, 350.0),
+    free_length1=(0.06, 0.055, 0.05),
+    free_length2=0.05,
+)
+FIELDS = ("a1", "b1", "a2", "b2", "k1", "k2", "free_length1", "free_length2")
+ARMS = [(ZHAO2021_CAPTION, 2), (UNEQUAL, 4), (ZHAO2021_CAPTION, 5), (TAPERED, 3)]
 
 
 def loaded(arm, rng, torque=False):
@@ -103,3 +115,81 @@ def test_loads_of_a_wrong_size_are_named():
         arm.equilibrium((0.05,) * 8, (0.0,) * 4, (0.0, 0.0, math.nan))
     with pytest.raises(ValueError, match="two segments or more"):
         DualTriangle(segments=1).identify(0.1, 0.0, (0.05,) * 2)
+
+
+def equal(design, segments):
+    """The same design with a number for each segment."""
+    return replace(design, **{name: (getattr(design, name),) * segments for name in FIELDS})
+
+
+@pytest.mark.parametrize(("design", "segments"), [(ZHAO2021_CAPTION, 3), (UNEQUAL, 4)])
+def test_numbers_for_each_segment_that_are_equal_are_one_number(design, segments):
+    one, each = DualTriangle(design, segments), DualTriangle(equal(design, segments), segments)
+    rng = np.random.default_rng(segments)
+    q, load, lengths = loaded(one, rng)
+    assert each.reach == one.reach
+    assert each.control_limit == one.control_limit
+    assert each.tip(q) == one.tip(q)
+    assert each.nodes(q) == one.nodes(q)
+    assert each.members == one.members
+    assert each.control(q, load) == one.control(q, load)
+    assert each.potential_energy(q, lengths, load) == one.potential_energy(q, lengths, load)
+    assert each.statics(q, lengths, load) == one.statics(q, lengths, load)
+    assert each.posture(q, load) == one.posture(q, load)
+    assert each.equilibria(lengths, load) == one.equilibria(lengths, load)
+    assert each.critical_load(q, (-1.0, 0.3)) == one.critical_load(q, (-1.0, 0.3))
+    assert each.straight_critical_loads() == pytest.approx(one.straight_critical_loads(), rel=1e-12)
+    x, y = one.tip(q)
+    assert each.redundancy(x, y, (0.0,) * segments) == one.redundancy(x, y, (0.0,) * segments)
+    assert each.identify(x, y, lengths) == one.identify(x, y, lengths)
+
+
+@pytest.mark.parametrize("count", [None, 3])
+def test_straight_critical_loads_of_unequal_segments(count):
+    """At each of them the Hessian of the straight arm is singular; of a batch of designs they are those of each."""
+    stiff = 1.0 if count is None else np.array([1.0, 1.3, 0.6])
+    arm = DualTriangle(TAPERED.stiffened(stiff))
+    loads = np.array(arm.straight_critical_loads())
+    assert (np.diff(loads, axis=0) > 0).all()
+    straight = (0.0,) * 3
+    lengths = arm.free_lengths(arm.control(straight))
+    for load in loads:
+        rows = arm.stiffness_matrix(straight, lengths, (-load, 0.0))
+        table = np.moveaxis(
+            np.array([[np.broadcast_to(e, np.shape(load)) for e in row] for row in rows]), (0, 1), (-2, -1)
+        )
+        values = np.abs(np.linalg.eigvalsh(table))
+        assert (values.min(axis=-1) < 1e-12 * values.max(axis=-1)).all()
+    assert np.all(np.isclose(arm.critical_load(straight, (-1.0, 0.0)), loads[0], rtol=1e-9))
+    for i in range(count or 0):
+        np.testing.assert_allclose(arm.take(i).straight_critical_loads(), loads[:, i], rtol=1e-12)
+
+
+def test_no_equilibrium_of_unequal_segments_is_missed():
+    arm, rng = DualTriangle(replace(TAPERED, a1=(0.02, 0.025, 0.03), a2=0.025)), np.random.default_rng(0)
+    limit, unstable = float(arm.design.joint_limit), 0
+    for _ in range(4):
+        lengths = tuple(rng.uniform(0.02, 0.06, 6).tolist())
+        load = tuple((0.3 * rng.normal(size=2)).tolist())
+        known = arm.equilibria(lengths, load)
+        unstable += sum(not one.is_stable for one in known)
+        for begin in rng.uniform(-limit, limit, (60, 3)):
+            found = root(lambda z, a=lengths, b=load: arm.energy_gradient(tuple(z), a, b), begin, tol=1e-13)
+            if np.abs(found.fun).max() < 1e-11 and np.abs(found.x).max() < limit - 1e-6:
+                assert min(np.abs(np.subtract(e.configuration, found.x)).max() for e in known) < 1e-6
+    assert unstable > 0
+
+
+def test_numbers_for_each_segment_that_do_not_fit_are_named():
+    for fields, message in (
+        ({"k1": (1.0, 2.0)}, "fields are for 2 segments, not for 3: give segments=2, or one number or 3 of them"),
+        ({"k1": (1.0, 2.0), "k2": (1.0, 2.0, 3.0)}, r"k2 = .*: must be one number or as many as k1 has, 2"),
+        ({"k1": ()}, r"k1 = .*: must be one number or more"),
+        ({"b1": (0.1, -0.1, 0.1)}, r"b1 = .*: must be positive"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            DualTriangle(replace(ZHAO2021_CAPTION, **fields))
+    with pytest.raises(TypeError, match=r"k1 = .*: must be a number"):
+        replace(ZHAO2021_CAPTION, k1=(1.0, "2"))
+    with pytest.raises(ValueError, match=r"they are chain\[0\]"):
+        _ = DualTriangle(TAPERED).segment

@@ -281,7 +281,7 @@ def quantities(m, q, tensions, load):
         values += m.stiffest_tensions(q, load)
     if hasattr(m, "control"):
         values += [*m.control(q), *m.control(q, load), *m.spring_forces(q, tensions), m.limit_margin(q)]
-        values += [m.segment.sensitivity(q[0], load[0]), m.free_length_margin(tensions)]
+        values += [m.chain[0].sensitivity(q[0], load[0]), m.free_length_margin(tensions)]
     return values
 
 

@@ -232,12 +232,12 @@ class DeltaControl(InputControl):
 
     def __init__(self, arm: DualTriangle) -> None:
         self.action_size = arm.segments
-        self.rate = STEP_SHARE * float(arm.design.free_length1)
+        self.rate = STEP_SHARE * float(arm.design.nominal_length)
         self.rate_unit = "m"
 
     def bounds(self, mechanism: DualTriangle) -> tuple[Component, Component]:
         """Within these, no free length is negative [m]."""
-        largest = min(mechanism.design.free_length1, mechanism.design.free_length2)
+        largest = mechanism.design.shortest_length
         return -largest, largest
 
     def actuation(self, mechanism: DualTriangle, inputs: Components) -> Components:
@@ -251,7 +251,7 @@ class DeltaControl(InputControl):
             xp = namespace_of(*q)
             lengths = mechanism.spring_lengths(q)
             for length, free in zip(lengths, self.actuation(mechanism, inputs), strict=True):
-                most = xp.maximum(most, (free - length) / mechanism.design.free_length1)
+                most = xp.maximum(most, (free - length) / mechanism.design.nominal_length)
         return most
 
     def statics(self, mechanism: DualTriangle, u: Components, inputs: Components, load: Components) -> Any:
@@ -272,7 +272,7 @@ class DeltaControl(InputControl):
             slack = here if slack is None else xp.minimum(slack, here)
         stability = mechanism.stability_margin(q, self.actuation(mechanism, inputs), load)
         room = xp.minimum(
-            slack / mechanism.design.free_length1, mechanism.limit_margin(q) / mechanism.design.joint_limit
+            slack / mechanism.design.nominal_length, mechanism.limit_margin(q) / mechanism.design.joint_limit
         )
         return stability, room
 
@@ -292,7 +292,7 @@ class FreeLengthControl(DeltaControl):
 
     def bounds(self, mechanism: DualTriangle) -> tuple[Component, Component]:
         """From zero to 1.5 times the nominal free length [m]."""
-        return 0.0, self.highest * mechanism.design.free_length1
+        return 0.0, self.highest * mechanism.design.nominal_length
 
     def actuation(self, mechanism: DualTriangle, inputs: Components) -> Components:
         """The inputs themselves."""

@@ -19,8 +19,8 @@ def analyze(designs: Mapping[str, DualTriangleDesign], out: Path, progress: Prog
     """Write figures, regions and a page for each design, by the name of its folder; their numbers."""
     arms = {name: DualTriangle(design) for name, design in designs.items()}
     for name, arm in arms.items():
-        if not arm.design.is_symmetric or arm.design.springs != "bilateral":
-            raise ValueError(f"design {name}: the figures are of symmetric segments with bilateral springs")
+        if arm.design.segments is not None or not arm.design.is_symmetric or arm.design.springs != "bilateral":
+            raise ValueError(f"design {name}: the figures are of equal, symmetric segments with bilateral springs")
         if not arm.straight_critical_loads()[0] > 0:
             raise ValueError(f"design {name}: its straight arm is unstable; a longer free_length1 and 2 is needed")
     for name, arm in arms.items():

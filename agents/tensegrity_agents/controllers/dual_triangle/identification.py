@@ -38,7 +38,7 @@ class Estimate(NamedTuple):
 
 def links(arm: DualTriangle) -> tuple[float, float, float]:
     """What `self_motions` asks for: x of pivot 1, length of links 1 and 2, length of link 3 [m]."""
-    return float(arm.design.b1), float(arm.link_lengths[0]), float(arm.link_lengths[2])
+    return float(arm.base_height), float(arm.link_lengths[0]), float(arm.link_lengths[2])
 
 
 def _slope(design: DualTriangleDesign, segments: int, q: Components, free_lengths: Components) -> Component:

@@ -60,14 +60,15 @@ class ReachController(AnalyticController[Memory]):
 
     def _take(self, design: DualTriangleDesign) -> None:
         super()._take(design)
-        if self.nominal.segments != 3 and not self.any_segments:
+        if not (self.any_segments or self.nominal.has_plain_links):
+            kind = "links of different lengths" if self.nominal.segments == 3 else f"{self.nominal.segments}"
             raise ValueError(
-                f"{type(self).__name__}: plans along the self-motion curves of three segments, not of "
-                f"{self.nominal.segments}; the closed forms, pseudo_inverse and random take any number"
+                f"{type(self).__name__}: plans along the self-motion curves of three segments, not of {kind}; the "
+                "closed forms, pseudo_inverse and random take any"
             )
         self.bound = self.input_bounds()[1]
         # Up to here the unloaded arm can be held, too; beyond its joint limit an episode ends.
-        self.joint_limit = 0.98 * min(float(design.joint_limit), float(self.nominal.segment.control_limit))
+        self.joint_limit = 0.98 * min(float(design.joint_limit), float(self.nominal.control_limit))
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
         """See `AnalyticController.initial`."""

@@ -1,7 +1,6 @@
 """What the environments of the dual-triangle arm share."""
 
 from collections.abc import Collection
-from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -53,8 +52,8 @@ class DualTriangleCore(Core):
         return self.reach / float(DualTriangle(self.published, PUBLISHED_SEGMENTS).reach)
 
     def tip_region(self) -> Any:
-        """Within the limits of joints and inputs, of three segments; see `Core.tip_region`."""
-        if self.segments != PUBLISHED_SEGMENTS:
+        """Within the limits of joints and inputs, of three equal segments; see `Core.tip_region`."""
+        if self.segments != PUBLISHED_SEGMENTS or self.design.segments is not None:
             return None
         from tensegrity_envs.geometry.dual_triangle_fields import maximum, region_of  # loads Shapely
 
@@ -87,7 +86,7 @@ class DualTriangleCore(Core):
         factor = random.get("stiffness")
         if factor is None:
             return self.design
-        return replace(self.design, k1=self.design.k1 * factor, k2=self.design.k2 * factor)
+        return self.design.stiffened(factor)
 
     def hidden_info(self, episode: Episode, state: State) -> dict[str, Component | Components]:
         """The tip force [N]."""
@@ -99,7 +98,7 @@ class DualTriangleCore(Core):
         lengths = self.simulation.actuation(arm, state.inputs)
         forces = arm.spring_forces(state.configuration, lengths)
         springs = [member.name for member in arm.members if member.kind == "spring"]
-        largest = float(self.design.k1) * float(self.design.b1)
+        largest = float(np.max(self.design.k1)) * float(np.max(self.design.b1))
         return {
             "nodes": arm.nodes(state.configuration),
             "members": arm.members,

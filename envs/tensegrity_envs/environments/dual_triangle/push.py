@@ -46,6 +46,8 @@ class DualTrianglePush(DualTriangleCore):
     def __init__(self, load_per_step: float = 0.3 / 150, **shared: Any) -> None:
         options = Options.of(type(self), shared)
         self.take_options(options, (), "a push")
+        if self.design.segments is not None:
+            raise ValueError("design: a push is against an arm of equal segments: give one number for each field")
         if self.design.springs != "bilateral":
             raise ValueError(f"design.springs = {self.design.springs!r}: must be 'bilateral'")
         if not (np.isfinite(load_per_step) and load_per_step > 0):

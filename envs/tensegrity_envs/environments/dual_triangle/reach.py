@@ -23,7 +23,8 @@ class DualTriangleReach(DualTriangleCore):
             arm's critical load) and in any direction.
         segments: how many the arm has, two or more; the published arm has three.
         design: the design that controllers know, by default ZHAO2021_CAPTION; a mapping of some of its fields or the
-            name of a published design will do, see `mechanics.designs.resolve_design`.
+            name of a published design will do, see `mechanics.designs.resolve_design`. A field may have a number for
+            each segment.
         tolerance: success within this distance [m]; by default 3 mm at the published size, growing with the reach.
         dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`. By default its
             own, but for ten time steps of 2 ms in a step.
@@ -51,7 +52,7 @@ class DualTriangleReach(DualTriangleCore):
         control = DeltaControl(self.nominal)
         self.set_simulation(control, options, Dynamics(timestep=0.002, frame_skip=10))
         self.task = self.task_type(
-            input_scale=float(self.design.free_length1),
+            input_scale=float(self.design.nominal_length),
             joint_span=2 * float(self.design.joint_limit),
             **options.scoring(self.default_weights, 0.003, self.scale),
         )

@@ -42,7 +42,7 @@ class _Curve:
 
     def __init__(self, arm: DualTriangleStatics, free_lengths: Sequence[float], direction: tuple[float, float]) -> None:
         self.arm, self.free_lengths, self.direction = arm, free_lengths, direction
-        self.unit = float(arm.stiffness_scale / arm.design.b1)  # [N]: k b
+        self.unit = float(arm.stiffness_scale / arm.base_height)  # [N]: k b
 
     def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradient over the stiffness scale, (n,), and its derivative, (n, n + 1)."""

@@ -1,6 +1,7 @@
 """Kinematics of the arm of dual-triangles: nodes, members, tip, Jacobian, springs and joint limits."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -48,13 +49,44 @@ class DualTriangleKinematics:
             raise TypeError(f"segments = {segments!r}: must be an integer")
         if segments < 1:
             raise ValueError(f"segments = {segments!r}: must be 1 or more")
+        first, *others = design.of_segments(segments)
         self.design = design
         self.segments = self.degrees_of_freedom = segments
         self.input_names = tuple(f"{side} {i + 1}" for i in range(segments) for side in ("upper", "lower"))
-        self.segment = DualTriangleSegment(design)
-        self.stiffness_scale = self.segment.stiffness_scale  # [N m/rad]
-        self._probe = self.segment._probe
-        self.link_lengths = (design.b1 + design.b2,) * (segments - 1) + (design.b2,)  # from pivot 1 to the tip [m]
+        self._first = DualTriangleSegment(first)
+        # Of segments that differ, the others; of equal ones none, since they are all the first one.
+        self._others = () if design.segments is None else tuple(map(DualTriangleSegment, others))
+        self.stiffness_scale = self._first.stiffness_scale  # [N m/rad]; of segment 1
+        self._probe: Component = sum((other._probe for other in self._others), start=self._first._probe)
+        heights = list(zip(design.each("b1", segments), design.each("b2", segments), strict=True))
+        self.base_height = heights[0][0]  # [m]: x of pivot 1
+        gaps = [following[0] + here[1] for here, following in pairwise(heights)]
+        self.link_lengths = (*gaps, heights[-1][1])  # from pivot 1 to the tip [m]
+
+    @property
+    def chain(self) -> tuple[DualTriangleSegment, ...]:
+        """The segments, from the base on; where they are equal, one and the same object."""
+        return (self._first, *self._others) if self._others else (self._first,) * self.segments
+
+    @property
+    def segment(self) -> DualTriangleSegment:
+        """The segment that all segments are.
+
+        Raises:
+            ValueError: they differ.
+        """
+        if self._others:
+            raise ValueError("segment: the segments of this arm differ; they are chain[0], chain[1], ...")
+        return self._first
+
+    @property
+    def control_limit(self) -> float:
+        """The angle [rad] to which the unloaded control law reaches in every segment, see `DualTriangleSegment`.
+
+        Raises:
+            ValueError: the arm is a batch of designs.
+        """
+        return min(one.control_limit for one in (self._first, *self._others))
 
     def take(self, index: Index) -> Self:
         """The arms at `index` of a batch of designs; itself where there is one design only."""
@@ -63,7 +95,7 @@ class DualTriangleKinematics:
     @property
     def reach(self) -> Component:
         """Distance of the straight arm's tip from the base side A-B [m], 6 b of three symmetric segments."""
-        return self.design.b1 + sum(self.link_lengths)
+        return self.base_height + sum(self.link_lengths)
 
     def _xp(self, *components: Component) -> Namespace:
         return namespace_of(self._probe, *components)
@@ -71,9 +103,9 @@ class DualTriangleKinematics:
     def _shape(self, xp: Namespace, q: Sequence[Component]) -> _Shape:
         springs: list[Springs] = []
         links: list[tuple[Component, Component]] = []
-        for qi, length in zip(q, self.link_lengths, strict=True):
+        for qi, length, segment in zip(q, self.link_lengths, self.chain, strict=True):
             s, c = xp.sin(qi / 2), xp.cos(qi / 2)
-            springs.append(self.segment.springs_at(xp, s, c))
+            springs.append(segment.springs_at(xp, s, c))
             sin, cos = 2 * s * c, (c - s) * (c + s)
             if not links:
                 direction = cos, sin
@@ -100,7 +132,7 @@ class DualTriangleKinematics:
     def tip(self, q: Sequence[Component], inputs: Sequence[Component] | None = None) -> tuple[Component, Component]:
         """Tip position (x, y) [m], [Zhao2021, Eq. 6] (x = b + 2b C1 + 2b C12 + b C123; the print loses a digit)."""
         x, y = self._arms(self._links(self._xp(*q), q))[0]
-        return self.design.b1 + x, y
+        return self.base_height + x, y
 
     def jacobian(
         self, q: Sequence[Component], inputs: Sequence[Component] | None = None, load: Sequence[Component] | None = None
@@ -143,12 +175,13 @@ class DualTriangleKinematics:
         the +y and -y side of the straight arm; P the tip, midpoint of the last Di, Ci.
         """
         xp = self._xp(*q)
-        design = self.design
-        x, y = 0.0 * q[0] + design.b1, 0.0 * q[0]
+        x, y = 0.0 * q[0], 0.0 * q[0]
         cos, sin = 1.0, 0.0
         nodes: dict[str, tuple[Component, Component]] = {}
         turn = 0.0
-        for i, qi in enumerate(q, 1):
+        for i, (qi, segment) in enumerate(zip(q, self.chain, strict=True), 1):
+            design = segment.design
+            x, y = x + design.b1 * cos, y + design.b1 * sin
             nodes[f"O{i}"] = x, y
             for name, side in ((f"A{i}", design.a1), (f"B{i}", -design.a1)):
                 nodes[name] = x - design.b1 * cos - side * sin, y - design.b1 * sin + side * cos
@@ -156,15 +189,13 @@ class DualTriangleKinematics:
             cos, sin = xp.cos(turn), xp.sin(turn)
             for name, side in ((f"D{i}", design.a2), (f"C{i}", -design.a2)):
                 nodes[name] = x + design.b2 * cos - side * sin, y + design.b2 * sin + side * cos
-            end = x + design.b2 * cos, y + design.b2 * sin
-            x, y = end[0] + design.b1 * cos, end[1] + design.b1 * sin
-        nodes["P"] = end
+            x, y = x + design.b2 * cos, y + design.b2 * sin
+        nodes["P"] = x, y
         return nodes
 
     @property
     def members(self) -> tuple[Member, ...]:
         """The sides of the triangles as bars, and the springs, whose free lengths are the inputs."""
-        design = self.design
         members: list[Member] = []
         for i in range(1, self.segments + 1):
             for name, corners in ((f"base {i}", ("A", "B")), (f"moving {i}", ("D", "C"))):
@@ -174,7 +205,8 @@ class DualTriangleKinematics:
                     Member(f"{name} upper edge", "bar", (first, pivot)),
                     Member(f"{name} lower edge", "bar", (second, pivot)),
                 ]
-        for i in range(1, self.segments + 1):
+        for i, segment in enumerate(self.chain, 1):
+            design = segment.design
             for side, ends, k, free in (
                 ("upper", ("A", "D"), design.k1, design.free_length1),
                 ("lower", ("B", "C"), design.k2, design.free_length2),
@@ -194,12 +226,13 @@ class DualTriangleKinematics:
 
     def spring_lengths(self, q: Sequence[Component]) -> Components:
         """Lengths of the springs [m], in the order of the free lengths."""
-        return tuple(length for qi in q for length in self.segment.spring_lengths(qi))
+        both = zip(q, self.chain, strict=True)
+        return tuple(length for qi, segment in both for length in segment.spring_lengths(qi))
 
     def spring_forces(self, q: Sequence[Component], free_lengths: Sequence[Component]) -> Components:
         """Tensions of the springs [N], in the order of the free lengths; negative where a bilateral spring pushes."""
-        both = zip(q, pairs(free_lengths), strict=True)
-        return tuple(force for qi, pair in both for force in self.segment.spring_forces(qi, pair))
+        each = zip(q, pairs(free_lengths), self.chain, strict=True)
+        return tuple(force for qi, pair, segment in each for force in segment.spring_forces(qi, pair))
 
     def is_within_limits(self, q: Sequence[Component]) -> Component:
         """Whether every angle is within the joint limits."""
@@ -213,10 +246,15 @@ class DualTriangleKinematics:
             largest = xp.maximum(largest, abs(qi))
         return self.design.joint_limit - largest
 
+    @property
+    def has_plain_links(self) -> bool:
+        """Whether it has three segments, of which links 1 and 2 are equally long: then its curves are closed forms."""
+        return self.segments == 3 and bool(np.all(np.equal(*self.link_lengths[:2])))
+
     def _plain_links(self) -> Links:
-        if isinstance(self.design.b1, np.ndarray) or isinstance(self.design.b2, np.ndarray):
+        if any(isinstance(length, np.ndarray) for length in (self.base_height, *self.link_lengths)):
             raise ValueError("inverse kinematics takes one set of triangle heights, not a batch of them")
-        return Links(float(self.design.b1), float(self.design.b1 + self.design.b2), float(self.design.b2))
+        return Links(float(self.base_height), float(self.link_lengths[0]), float(self.link_lengths[-1]))
 
     def moore_penrose_step(
         self, q: Sequence[Component], x: Component, y: Component, damping: float = 0.0
@@ -247,7 +285,7 @@ class DualTriangleKinematics:
         """The target (x, y) [m] as the last two links see it, given the first n - 2 angles [rad]. Traceable."""
         xp = self._xp(*target, *first)
         long, short = self.link_lengths[-2:]
-        px, py, turn = 1.0 * self.design.b1, 0.0, 0.0
+        px, py, turn = 1.0 * self.base_height, 0.0, 0.0
         for angle, length in zip(first, self.link_lengths, strict=False):
             turn = turn + angle
             px, py = px + length * xp.cos(turn), py + length * xp.sin(turn)

@@ -111,18 +111,21 @@ def _critical_load_of_cables(
 
 def straight_critical_loads(arm: DualTriangleStatics, common: Component) -> tuple[Component, ...]:
     """`DualTriangle.straight_critical_loads`."""
-    n, design = arm.segments, arm.design
-    straight = (0.0,) * n
-    zero = arm.segment.free_lengths(arm.segment.control(0.0, 0.0, common), common)
-    stiffness = arm.segment.stiffness(0.0, zero)
-    if np.all(np.equal(design.b1, design.b2)):
+    n = arm.segments
+    stiffness = [one.stiffness(0.0, one.free_lengths(one.control(0.0, 0.0, common), common)) for one in arm.chain]
+    equal = arm.design.segments is None
+    if equal and np.all(np.equal(arm.design.b1, arm.design.b2)):
         return tuple(
-            2 * stiffness / design.b1 * math.sin((2 * m - 1) * math.pi / (4 * n)) ** 2 for m in range(1, n + 1)
+            2 * stiffness[0] / arm.design.b1 * math.sin((2 * m - 1) * math.pi / (4 * n)) ** 2 for m in range(1, n + 1)
         )
-    # H = K0 - P R: the loads are K0 over the eigenvalues of R, R_ij the distance of pivot max(i, j) from the tip
-    arms = arm.jacobian(straight)[1]
+    # H = K - P R: R_ij is the distance of pivot max(i, j) from the tip, K the diagonal of the segments' stiffnesses
+    arms = arm.jacobian((0.0,) * n)[1]
     table = stacked([[arms[max(i, j)] for j in range(n)] for i in range(n)])
-    loads = np.asarray(stiffness)[..., None] / np.linalg.eigvalsh(table)[..., ::-1]
+    if equal:
+        loads = np.asarray(stiffness[0])[..., None] / np.linalg.eigvalsh(table)[..., ::-1]
+    else:  # R = C C^T is positive definite, K may be anything
+        inverse = np.linalg.inv(np.linalg.cholesky(table))
+        loads = np.linalg.eigvalsh(inverse * stacked([stiffness]) @ np.swapaxes(inverse, -1, -2))
     return tuple(float(p) if np.ndim(p) == 0 else p for p in np.moveaxis(loads, -1, 0))
 
 
@@ -174,7 +177,7 @@ def correct(
 def identify(arm: DualTriangleStatics, x: float, y: float, free_lengths: Sequence[float]) -> list[LoadedState]:
     """`DualTriangle.identify`: stationary points of the springs' energy along the self-motion curve of the tip."""
     limit = float(arm.design.joint_limit)
-    if arm.segments != 3:
+    if not arm.has_plain_links:
         _, begin = starts(arm, np.array([x]), np.array([y]), limit, _STARTS)
         return _explained(arm, x, y, free_lengths, begin, 40, np.inf)
     found: list[tuple[float, ...]] = []

@@ -1,4 +1,4 @@
-"""The serial arm of dual-triangles: n equal segments in series, six free lengths (of three segments) as inputs.
+"""The serial arm of dual-triangles: n segments in series, equal or not, six free lengths (of three segments) as inputs.
 
 Source: [Zhao2021] Zhao, Pashkevich, Klimchik, Chablat, "Kinematic control of compliant serial manipulators composed of
 dual-triangles", ICCCR 2021. Where a printed equation is wrong the docstring says so; docs/dual_triangle.md lists every
@@ -6,7 +6,8 @@ correction. Two matter most: the loaded control law has the wrong sign, and stab
 
 Conventions: q_i [rad] is the angle of segment i's moving triangle relative to its base triangle, counter-clockwise;
 q > 0 moves the tip towards +y, and the straight arm lies along +x. Pivot 1 is at (b1, 0), the next ones at distances
-b1 + b2, the tip P at b2 beyond the last. Spring 1 of a segment is the one on the +y side, which shortens for q > 0.
+b2 + b1 (of the segments before and after), the tip P at b2 beyond the last. Spring 1 of a segment is the one on the +y
+side, which shortens for q > 0.
 `load` is a dead force at the tip (fx, fy) [N] in world axes, in statics with a torque [N m] on the last triangle as a
 third component, if there is one; compression of the straight arm is fx < 0. There is no gravity.
 """
@@ -43,7 +44,7 @@ _NO_LOAD = (0.0, 0.0)
     target=(2, "x, y"),
 )
 class DualTriangle(DualTriangleLoading):
-    """An arm of n segments of one design, or of a batch of designs.
+    """An arm of n segments, equal or not, of one design, or of a batch of designs.
 
     A configuration is q = (q_1, ..., q_n) [rad]; free lengths are (spring 1 and spring 2 of segment 1, of segment 2,
     ...), 2 n of them [m]; control inputs are (delta_1, ..., delta_n) [m]. Components are floats, NumPy arrays or Torch
@@ -140,7 +141,7 @@ class DualTriangle(DualTriangleLoading):
         "sum" of the joints' displacements [Zhao2021, objective a], the largest of them, "max" (b), or the sum of their
         "squares" (c), minimized over the whole self-motion curve within the joint limits (which the paper's objectives
         ignore), see `redundancy.py`. The optimum jumps along a path of targets, most often for "sum". Of other numbers
-        of segments, and for the "margin", the best one of `local_optima`.
+        of segments, of links of other lengths, and for the "margin", the best one of `local_optima`.
 
         Args:
             x: target [m], a float or an array of shape (m,).
@@ -161,7 +162,7 @@ class DualTriangle(DualTriangleLoading):
             raise ValueError(f"redundancy: for two segments or more, not for {self.segments}")
         check_finite("target", (x, y), 2)
         check_finite("start", start, self.segments)
-        if self.segments != 3 or objective == "margin":
+        if not self.has_plain_links or objective == "margin":
             return self._best_optima(x, y, start, objective, joint_limit)
         single = not is_batch(x, y, *start, self._probe)
         limit = np.asarray(self.design.joint_limit if joint_limit is None else joint_limit, float)

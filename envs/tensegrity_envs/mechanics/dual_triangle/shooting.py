@@ -101,10 +101,11 @@ class _Shooter:
     """Intervals along the chain, from the tip to the base."""
 
     def __init__(self, arm: DualTriangleStatics, free_lengths: Sequence[float], load: Sequence[float]) -> None:
-        self.arm, self.n, self.segment = arm, arm.segments, arm.segment
+        self.arm, self.n, self.chain = arm, arm.segments, arm.chain
         self.pairs = [(float(free_lengths[2 * i]), float(free_lengths[2 * i + 1])) for i in range(self.n)]
         self.curves = [
-            [_curve(self.segment, pair, stretch) for stretch in stretches(self.segment, pair)] for pair in self.pairs
+            [_curve(segment, pair, stretch) for stretch in stretches(segment, pair)]
+            for segment, pair in zip(self.chain, self.pairs, strict=True)
         ]
         self.fx, self.fy, self.torque = (*(float(f) for f in load), 0.0)[:3]
         self.limit = float(arm.design.joint_limit)
@@ -125,7 +126,7 @@ class _Shooter:
         least, most = curve.slopes[0] - self.slop, curve.slopes[-1] + self.slop
         there = (moment[1] >= least) & (moment[0] <= most)
         ends = [
-            _bracket(self.segment, self.pairs[i], curve, np.clip(end, curve.slopes[0], curve.slopes[-1]), steps)
+            _bracket(self.chain[i], self.pairs[i], curve, np.clip(end, curve.slopes[0], curve.slopes[-1]), steps)
             for end in moment
         ]
         rises = curve.angles[-1] > curve.angles[0]
@@ -215,7 +216,7 @@ def candidates(arm: DualTriangleStatics, free_lengths: Sequence[float], load: Se
     """
     if not any(load):
         pairs = zip(free_lengths[::2], free_lengths[1::2], strict=True)
-        each = [[e.configuration[0] for e in arm.segment.equilibria(pair)] for pair in pairs]
+        each = [[e.configuration[0] for e in one.equilibria(p)] for one, p in zip(arm.chain, pairs, strict=True)]
         return np.array(list(product(*each))).reshape(-1, arm.segments).T
     shooter = _Shooter(arm, free_lengths, load)
     boxes, found, steps = shooter.seed(), [np.empty((arm.segments, 0))], 1

@@ -24,12 +24,12 @@ class DualTriangleStatics(DualTriangleKinematics):
         xp = self._xp(*q, *free_lengths, *load)
         shape = self._shape(xp, q)
         x, y = self._arms(shape.links)[0]
-        energy = -load[0] * (self.design.b1 + x) - load[1] * y
+        energy = -load[0] * (self.base_height + x) - load[1] * y
         for torque in load[2:]:
             for qi in q:
                 energy = energy - torque * qi
-        for springs, pair in zip(shape.springs, pairs(free_lengths), strict=True):
-            energy = energy + self.segment.energy_of(xp, springs, pair)
+        for springs, pair, segment in zip(shape.springs, pairs(free_lengths), self.chain, strict=True):
+            energy = energy + segment.energy_of(xp, springs, pair)
         return energy
 
     def statics(
@@ -46,8 +46,8 @@ class DualTriangleStatics(DualTriangleKinematics):
         fx, fy, *torques = load
         gradient, stiffness, along = [], [], []
         arms = self._arms(shape.links)
-        for springs, pair, (x, y) in zip(shape.springs, pairs(free_lengths), arms, strict=True):
-            slope, k = self.segment.slope_and_stiffness(xp, springs, pair)
+        for springs, pair, (x, y), segment in zip(shape.springs, pairs(free_lengths), arms, self.chain, strict=True):
+            slope, k = segment.slope_and_stiffness(xp, springs, pair)
             gradient.append(slope + fx * y - fy * x)
             for torque in torques:
                 gradient[-1] = gradient[-1] - torque
@@ -77,7 +77,8 @@ class DualTriangleStatics(DualTriangleKinematics):
         free_lengths: Sequence[Component] | None = None,
         load: Sequence[Component] = _NO_LOAD,
     ) -> Component:
-        """Smallest eigenvalue of the Hessian divided by `stiffness_scale` = (k1 + k2) b1 b2 / 2, k b^2 if symmetric.
+        """Smallest eigenvalue of the Hessian divided by `stiffness_scale` = (k1 + k2) b1 b2 / 2 of segment 1, k b^2 if
+        that is symmetric.
 
         Without free lengths: at those of the control law for this configuration and load.
         """
@@ -110,8 +111,8 @@ class DualTriangleStatics(DualTriangleKinematics):
         """
         check_count("delta", delta, self.segments)
         added = self._each(common)
-        shares = zip(delta, added, strict=True)
-        return tuple(length for d, c in shares for length in self.segment.free_lengths(d, c))
+        shares = zip(delta, added, self.chain, strict=True)
+        return tuple(length for d, c, segment in shares for length in segment.free_lengths(d, c))
 
     def _each(self, common: Sequence[Component] | float) -> Sequence[Component]:
         """What is added to the free lengths of every segment."""
@@ -140,7 +141,8 @@ class DualTriangleStatics(DualTriangleKinematics):
         added = self._each(common)
         moments: Sequence[Component] = [0.0] * self.segments if load is None else self.load_torques(q, load)
         return tuple(
-            self.segment.control(qi, moment, extra) for qi, moment, extra in zip(q, moments, added, strict=True)
+            segment.control(qi, moment, extra)
+            for qi, moment, extra, segment in zip(q, moments, added, self.chain, strict=True)
         )
 
     def free_length_margin(self, free_lengths: Sequence[Component]) -> Component:
@@ -157,12 +159,12 @@ class DualTriangleStatics(DualTriangleKinematics):
         free_lengths: Sequence[Component] | None = None,
         load: Sequence[Component] = _NO_LOAD,
     ) -> Component:
-        """`free_length_margin` divided by (b1 + b2) / 2 [-]: negative where the inputs cannot be realized.
+        """`free_length_margin` divided by (b1 + b2) / 2 of segment 1 [-]: negative where inputs cannot be realized.
 
         Without free lengths: at those of the control law for this configuration and load.
         """
         lengths = self.free_lengths(self.control(q, load)) if free_lengths is None else free_lengths
-        return 2 * self.free_length_margin(lengths) / (self.design.b1 + self.design.b2)
+        return 2 * self.free_length_margin(lengths) / (self._first.design.b1 + self._first.design.b2)
 
     def posture(
         self, q: Sequence[Component], load: Sequence[Component] = _NO_LOAD
