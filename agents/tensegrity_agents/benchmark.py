@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, cast
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import VectorEnv
 from scipy.optimize import minimize
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
@@ -21,6 +22,7 @@ import tensegrity_envs
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.sb3.features import GoalErrorExtractor
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
+from tensegrity_envs.env import unwrapped
 from tensegrity_envs.mechanics import DualTriangle
 
 REFERENCE = "Reacher-v5"
@@ -140,9 +142,9 @@ def vector(count: int = 1024, blocks: int = 10, progress: Callable[[str], None] 
     return [Speed(f"vector {REFERENCE} x {count}, sync", float(np.median(rival_rates)), 1.0, None), *lines]
 
 
-def _seconds(envs: Any, rng: np.random.Generator, size: float, steps: int) -> float:
+def _seconds(envs: VectorEnv[Any, Any, Any], rng: np.random.Generator, size: float, steps: int) -> float:
     """That so many steps take."""
-    actions = rng.uniform(-size, size, (steps, *envs.action_space.shape)).astype(np.float32)
+    actions = rng.uniform(-size, size, (steps, *(envs.action_space.shape or ()))).astype(np.float32)
     begun = time.perf_counter()
     for action in actions:
         envs.step(action)
@@ -159,8 +161,8 @@ def dynamics(
     lines = []
     for env_id in MOVING:
         env = gym.make(env_id)
-        shell: Any = env.unwrapped
-        core = shell.core
+        core = unwrapped(env).core
+        assert core.dynamics is not None
         skip = core.dynamics.frame_skip
         pair = {env_id: env, REFERENCE: gym.make(REFERENCE, frame_skip=skip)}
         taken: dict[str, list[float]] = {name: [] for name in pair}
@@ -204,10 +206,10 @@ def _stepping(env: gym.Env[Any, Any], steps: int) -> float:
     return total / steps
 
 
-def _vector_rate(envs: Any, steps: int) -> float:
+def _vector_rate(envs: VectorEnv[Any, Any, Any], steps: int) -> float:
     """Environment steps per second, resets included, with uniform random actions of a third of the full size."""
     rng = np.random.default_rng(0)
-    actions = rng.uniform(-1 / 3, 1 / 3, (steps + 1, *envs.action_space.shape)).astype(np.float32)
+    actions = rng.uniform(-1 / 3, 1 / 3, (steps + 1, *(envs.action_space.shape or ()))).astype(np.float32)
     envs.reset(seed=0)
     envs.step(actions[0])
     begun = time.perf_counter()

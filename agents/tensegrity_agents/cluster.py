@@ -7,7 +7,7 @@ on from its last checkpoint, to the same policy (see `sb3.training`) on the same
 
 import socket
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -63,7 +63,7 @@ def _read(folder: Path) -> dict[str, bytes]:
 
 
 @contextmanager
-def _sending(folder: Path, send: Any) -> Iterator[None]:
+def _sending(folder: Path, send: Callable[[dict[str, bytes]], object]) -> Iterator[None]:
     """Sends the files of a training whenever there is a new checkpoint."""
     done = threading.Event()
 

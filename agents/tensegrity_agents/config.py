@@ -179,7 +179,7 @@ class Experiment(_Strict):
 
     @field_validator("design")
     @classmethod
-    def _readable_design(cls, value: Any) -> Any:
+    def _readable_design(cls, value: object) -> Any:
         return env_options.parse_design(value, "design:") if isinstance(value, str) else value
 
     @property

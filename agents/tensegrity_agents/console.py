@@ -85,12 +85,12 @@ def for_machines(json: bool) -> Iterator[None]:
         console.stderr = before
 
 
-def tell_json(value: Any) -> None:
+def tell_json(value: object) -> None:
     """Print a value as JSON, which knows neither NaN nor infinity: they become null."""
     typer.echo(json_format.dumps(_finite(value), indent=2))
 
 
-def _finite(value: Any) -> Any:
+def _finite(value: object) -> Any:
     if hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, dict):

@@ -4,16 +4,21 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 import yaml
 
 from tensegrity_agents.yaml_file import ConfigError, parse_yaml, read_yaml
+from tensegrity_envs.core import Core
+from tensegrity_envs.env import unwrapped
 from tensegrity_envs.mechanics.designs import PUBLISHED
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 NAMES = ("design", "randomization", "level", "tolerance", "load_range", "payload_range")
 _DESIGN = (
@@ -86,7 +91,7 @@ def parse_range(text: str, option: str) -> list[float]:
     return checked_range([low, high], f"{option} {text}")
 
 
-def checked_range(value: Any, where: str) -> list[float]:
+def checked_range(value: Sequence[float], where: str) -> list[float]:
     """A range [low, high] with 0 <= low <= high.
 
     Raises:
@@ -102,7 +107,7 @@ def checked_range(value: Any, where: str) -> list[float]:
     return [low, high]
 
 
-def check_options(env_id: str, options: Mapping[str, Any]) -> Any:
+def check_options(env_id: str, options: Mapping[str, Any]) -> Core:
     """The core of the environment with these options.
 
     Raises:
@@ -112,11 +117,11 @@ def check_options(env_id: str, options: Mapping[str, Any]) -> Any:
         if name in options:
             checked_range(options[name], f"{name} = {options[name]!r}")
     try:
-        env: Any = gym.make(env_id, **options)
+        env = unwrapped(gym.make(env_id, **options))
     except (TypeError, ValueError, gym.error.Error) as error:
         reason = str(error).split(" was raised from the environment creator")[0]
         raise ConfigError(f"{env_id}: {reason}") from error
-    core = env.unwrapped.core
+    core = env.core
     env.close()
     return core
 
@@ -185,7 +190,7 @@ def explain(env_id: str, options: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _in_words(design: Any) -> str:
+def _in_words(design: "DataclassInstance") -> str:
     """A design as the published one next to it and what differs."""
 
     def differing(name: str) -> list[str]:

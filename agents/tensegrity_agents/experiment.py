@@ -26,6 +26,7 @@ from tensegrity_agents.reporting.transfer_table import transfer_to_markdown
 from tensegrity_agents.sb3.policy_file import TrainedPolicy, load_policy
 from tensegrity_agents.sb3.side_by_side import train_side_by_side
 from tensegrity_agents.sb3.training import CURVE, EVALUATIONS, read_curve, train, with_later_settings
+from tensegrity_envs.env import unwrapped
 from tensegrity_envs.seeding import TEST_SEED, VALIDATION_SEED
 
 
@@ -223,7 +224,7 @@ def candidates(pair: tuple[str, str], results: Path, options: Mapping[str, Any] 
             raise ValueError(f"{other[0].parent}: trained with other options than {own or 'the default ones'}")
         if agents:
             found.append(Candidate("agent", home, agents))
-        env: Any = gym.make(home, **options).unwrapped
+        env = unwrapped(gym.make(home, **options))
         found += [
             Candidate(name, home, [make(env.core)]) for name, make in baselines_of(home).items() if name != "random"
         ]

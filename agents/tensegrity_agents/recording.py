@@ -162,7 +162,9 @@ def _agent(env_id: str, options: dict[str, Any], policy: Path | None) -> Control
     return load_policy(policy, env_id, env_options.canonical(env_id, options))
 
 
-def _buffers(env: Any, controller: Controller, seed: int, episodes: int, report: Callable[[int], None]) -> list[Any]:
+def _buffers(
+    env: gym.Env[Any, Any], controller: Controller, seed: int, episodes: int, report: Callable[[int], None]
+) -> list[Any]:
     """Whole episodes, as Minari takes them."""
     from minari.data_collector import EpisodeBuffer
 

@@ -6,7 +6,8 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -17,6 +18,9 @@ from tensegrity_agents.evaluation.results import Progress
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.extras import need
 from tensegrity_envs.seeding import VALIDATION_SEED
+
+if TYPE_CHECKING:
+    import optuna
 
 STORAGE, BEST, TRIALS = "search.db", "best.yaml", "trials.csv"
 _AGENT = "trial-"  # and a hash of its settings: a training that was interrupted is found again
@@ -40,7 +44,7 @@ class Between:
     log: bool = False
     whole: bool = False
 
-    def suggest(self, trial: Any, name: str, own: Any) -> Any:
+    def suggest(self, trial: "optuna.Trial", name: str, own: float | None) -> Any:
         """A value for a trial."""
         low, high = (self.low, self.high) if own is None else (min(self.low, own), max(self.high, own))
         if self.whole:
@@ -54,7 +58,7 @@ class OneOf:
 
     values: tuple[Any, ...]
 
-    def suggest(self, trial: Any, name: str, own: Any) -> Any:
+    def suggest(self, trial: "optuna.Trial", name: str, own: object) -> Any:
         """A value for a trial. Lists are written as text, since Optuna keeps plain values only."""
         known = [json.dumps(value) for value in self.values]
         if json.dumps(own) not in known:
@@ -204,7 +208,7 @@ def _shortened(experiment: Experiment, share: float) -> Experiment:
     return experiment.changed(train=train)
 
 
-def _check_same(study: Any, base: Experiment, folder: Path) -> None:
+def _check_same(study: "optuna.Study", base: Experiment, folder: Path) -> None:
     """Remember what is searched for; another experiment in the same folder is an error."""
     described = base.model_dump(mode="json", include={"env", "train", "seeds"}) | {"options": str(base.options)}
     if study.user_attrs.setdefault("experiment", described) != described:
@@ -212,18 +216,18 @@ def _check_same(study: Any, base: Experiment, folder: Path) -> None:
     study.set_user_attr("experiment", described)
 
 
-def _begin(optuna: Any, study: Any, base: Experiment) -> None:
+def _begin(library: ModuleType, study: "optuna.Study", base: Experiment) -> None:
     """The config's own settings first; after an interrupt, those whose training was not finished."""
     if not study.trials:
         own = base.train.model_dump()
         study.enqueue_trial({key: _kept(range_, _at(own, key)) for key, range_ in space_of(base).items()})
-    for trial in study.get_trials(states=(optuna.trial.TrialState.RUNNING,)):
-        study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
+    for trial in study.get_trials(states=(library.trial.TrialState.RUNNING,)):
+        study.tell(trial.number, state=library.trial.TrialState.FAIL)
         if trial.params:
             study.enqueue_trial(trial.params)
 
 
-def _kept(range_: Between | OneOf, value: Any) -> Any:
+def _kept(range_: Between | OneOf, value: object) -> Any:
     return json.dumps(value) if isinstance(range_, OneOf) else value
 
 
@@ -242,7 +246,12 @@ def _with(experiment: Experiment, settings: Mapping[str, Any]) -> Experiment:
 
 
 def _try(
-    optuna: Any, trial: Any, experiment: Experiment, folder: Path, episodes: int, progress: Progress | None
+    library: ModuleType,
+    trial: "optuna.Trial",
+    experiment: Experiment,
+    folder: Path,
+    episodes: int,
+    progress: Progress | None,
 ) -> float:
     """Train an agent and score it."""
     from tensegrity_agents.sb3.training import train
@@ -257,7 +266,7 @@ def _try(
             looked = done * _LOOKS // total
             trial.report(success, looked)
             if trial.should_prune():
-                raise optuna.TrialPruned
+                raise library.TrialPruned
 
     home = folder / f"{_AGENT}{hash_of(experiment.train.model_dump(mode='json'))}"
     agent = train(experiment, experiment.seeds[0], home, report)
@@ -265,15 +274,15 @@ def _try(
     return float(run.columns["success"].mean())
 
 
-def _complete(study: Any) -> list[Any]:
+def _complete(study: "optuna.Study") -> "list[optuna.trial.FrozenTrial]":
     return [trial for trial in study.get_trials(deepcopy=False) if trial.state.name == "COMPLETE"]
 
 
-def _best_so_far(study: Any) -> str:
+def _best_so_far(study: "optuna.Study") -> str:
     return f"{study.best_value:.1%} (trial {study.best_trial.number})" if _complete(study) else "none yet"
 
 
-def _write(study: Any, experiment: Experiment, folder: Path, share: float) -> None:
+def _write(study: "optuna.Study", experiment: Experiment, folder: Path, share: float) -> None:
     """The best trial as a config, with all of the experiment's steps, and a table of all trials."""
     best = study.best_trial
     space = space_of(experiment)

@@ -2,10 +2,9 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 
-def as_data(value: Any) -> str:
+def as_data(value: object) -> str:
     """JSON that may stand in a script element."""
     return json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
 

@@ -139,7 +139,7 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         if episode is not None:
             self._queue.restart(0, episode=episode)
 
-    def _chosen(self, name: str, value: Any) -> Components | None:
+    def _chosen(self, name: str, value: object) -> Components | None:
         """An option of `reset` as components of shape (1,)."""
         if value is None:
             return None
@@ -357,3 +357,15 @@ def check_action(action: ArrayLike, shape: tuple[int, ...] | None) -> np.ndarray
                 raise ValueError(f"action = {values}: must be finite numbers")
             array[i] = min(max(value, -1.0), 1.0)
     return array[:, None]
+
+
+def unwrapped(env: gym.Env[Any, Any]) -> ManipulatorEnv:
+    """The environment of this package within its wrappers.
+
+    Raises:
+        TypeError: it is another one.
+    """
+    bare = env.unwrapped
+    if not isinstance(bare, ManipulatorEnv):
+        raise TypeError(f"{env}: is no environment of a manipulator")
+    return bare

@@ -14,7 +14,7 @@ _DRAWN = 12288  # episodes at once, about; half as many cost a tenth more each
 _LEAST_AHEAD, _MOST_AHEAD = 4, 64  # episodes of each environment
 
 
-def checked_options(options: Any) -> dict[str, Any]:
+def checked_options(options: object) -> dict[str, Any]:
     """A copy of the options of `reset`.
 
     Raises:
@@ -95,7 +95,7 @@ class EpisodeQueue:
         """What determines the coming episodes: the seeds, and the number of the next episode of each."""
         return {"seeds": self._seeds.copy(), "next_episodes": self._next - self._left}
 
-    def check(self, state: Any, shapes: Mapping[str, tuple[int, ...]], owner: str) -> None:
+    def check(self, state: object, shapes: Mapping[str, tuple[int, ...]], owner: str) -> None:
         """Refuse what is no state that `get_state` told.
 
         Args:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.simulation.dynamic import DynamicControl
@@ -144,7 +145,7 @@ class _Own:
 
     rate = 1.0
 
-    def actuation(self, mechanism: Any, inputs: Any) -> Any:
+    def actuation(self, mechanism: Any, inputs: Components) -> Components:
         return inputs
 
 
@@ -224,7 +225,7 @@ def _tip(mechanism: Any, control: Any, q: np.ndarray, u: np.ndarray) -> Any:
     return mechanism.tip(_components(q), control.actuation(mechanism, _components(u)))
 
 
-def _response(mechanism: Any, control: Any, q: np.ndarray, u: np.ndarray, load: Any) -> np.ndarray:
+def _response(mechanism: Any, control: Any, q: np.ndarray, u: np.ndarray, load: Components) -> np.ndarray:
     """How the equilibrium moves with the inputs, dq / du, shape (n, inputs)."""
 
     def actuation(inputs: np.ndarray) -> Any:

@@ -10,7 +10,6 @@ Training uses seeds below VALIDATION_SEED; tuning and the published tables use t
 
 from collections.abc import Callable
 from copy import copy
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,7 @@ _MIX1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX2 = np.uint64(0x94D049BB133111EB)
 
 
-def checked_seed(seed: Any) -> int:
+def checked_seed(seed: object) -> int:
     """A seed: any non-negative integer, of Python or NumPy.
 
     Raises:
@@ -33,7 +32,7 @@ def checked_seed(seed: Any) -> int:
     return _checked_whole_number(seed, "seed")
 
 
-def checked_episode(episode: Any) -> int:
+def checked_episode(episode: object) -> int:
     """The number of an episode, counted from 0.
 
     Raises:
@@ -45,7 +44,7 @@ def checked_episode(episode: Any) -> int:
     return number
 
 
-def _checked_whole_number(number: Any, name: str) -> int:
+def _checked_whole_number(number: object, name: str) -> int:
     if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 0:
         raise ValueError(f"{name} = {number!r}: must be a non-negative integer")
     return int(number)
@@ -95,7 +94,7 @@ class EpisodeStream:
 
     def __init__(self, seed: np.ndarray, episode: np.ndarray, first: int = 0) -> None:
         self._keys = _keys(seed, episode)
-        self._next: Any = first  # a number, or one for each episode
+        self._next: int | np.ndarray = first  # a number, or one for each episode
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> np.ndarray:
         """The next number of every episode, shape (n,)."""

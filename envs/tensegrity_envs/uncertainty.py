@@ -61,7 +61,7 @@ LEVELS = tuple(
 )
 
 
-def checked_level(level: Any) -> int:
+def checked_level(level: object) -> int:
     """A level of uncertainty; None is 0.
 
     Raises:

@@ -10,7 +10,7 @@ _LONGEST = 2**31  # steps
 _INFOS = ("full", "goal", "none")
 
 
-def checked_count(num_envs: Any) -> int:
+def checked_count(num_envs: object) -> int:
     """A number of environments.
 
     Raises:
@@ -21,7 +21,7 @@ def checked_count(num_envs: Any) -> int:
     return int(num_envs)
 
 
-def checked_info(info: Any) -> str:
+def checked_info(info: object) -> str:
     """How much info there is to be.
 
     Raises:
@@ -61,7 +61,7 @@ def checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
     raise ValueError(f"autoreset_mode = {mode!r}: must be one of {names}, or a gymnasium.vector.AutoresetMode")
 
 
-def for_each(count: int, given: Any, what: str, check: Callable[[Any], int], later: int) -> list[int | None]:
+def for_each(count: int, given: object, what: str, check: Callable[[Any], int], later: int) -> list[int | None]:
     """The checked numbers of all environments, from one number, a list of numbers or None.
 
     Args:

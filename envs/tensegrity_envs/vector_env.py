@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike
 
 from tensegrity_envs import columns
 from tensegrity_envs.batch import InfoEntry
@@ -14,6 +15,7 @@ from tensegrity_envs.compiler.threads import Threads
 from tensegrity_envs.core import Core
 from tensegrity_envs.environments import core_of
 from tensegrity_envs.episodes import EpisodeQueue, checked_options, episodes_ahead
+from tensegrity_envs.relabelling import Infos
 from tensegrity_envs.rendering import checked_size
 from tensegrity_envs.seeding import checked_episode, checked_seed
 from tensegrity_envs.simulation.protocol import Episode
@@ -180,7 +182,9 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
             self._outcomes, None if mask.all() else np.flatnonzero(mask)
         )
 
-    def step(self, actions: Any) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance all environments by one step; see the class for what happens where an episode ends.
 
         Raises:
@@ -216,7 +220,7 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         terminated, truncated = flags
         return observation, reward, terminated, truncated, info
 
-    def _checked_actions(self, actions: Any, skipped: np.ndarray) -> np.ndarray:
+    def _checked_actions(self, actions: ArrayLike, skipped: np.ndarray) -> np.ndarray:
         """The actions as columns, clipped to [-1, 1]; those that are skipped are 0."""
         array = np.asarray(actions)
         if array.shape != self._actions_shape:
@@ -367,15 +371,15 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         if self.core.engine is not None:
             self.core.engine.model.close()
 
-    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Infos) -> Any:
         """See `ManipulatorEnv.compute_reward`; `info` may also be the dict of arrays that `step` returns."""
         return self.core.compute_reward(achieved_goal, desired_goal, info)
 
-    def compute_terminated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+    def compute_terminated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Infos) -> Any:
         """See `ManipulatorEnv.compute_terminated`; `info` may also be the dict of arrays that `step` returns."""
         return self.core.compute_terminated(achieved_goal, desired_goal, info)
 
-    def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+    def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Infos) -> Any:
         """Whether that step reached the time limit. Arguments as for `compute_reward`."""
         single = np.ndim(achieved_goal) == 1
         if self.max_episode_steps is None:

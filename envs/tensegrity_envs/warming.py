@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from tensegrity_envs.env import unwrapped
 from tensegrity_envs.registration import ENV_IDS
 
 
@@ -26,10 +27,10 @@ def compile_all(ids: Iterable[str] | None = None, progress: Callable[[str], None
     for k, env_id in enumerate(wanted, 1):
         progress(f"{k} of {len(wanted)}: {env_id}")
         for reward_type in ("dense", "sparse"):
-            env: Any = gym.make(env_id, reward_type=reward_type, disable_env_checker=True)
+            env = gym.make(env_id, reward_type=reward_type, disable_env_checker=True)
             observation, info = env.reset(seed=0)
             env.step(np.zeros(env.action_space.shape, np.float32))
-            env.unwrapped.compute_reward(observation["achieved_goal"], observation["desired_goal"], info)
+            unwrapped(env).compute_reward(observation["achieved_goal"], observation["desired_goal"], info)
             env.close()
     if wanted:
         _compile_loops_of_vectors(wanted[0])

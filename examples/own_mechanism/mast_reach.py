@@ -23,7 +23,7 @@ _INNER = 0.9  # share of the joint limit within which episodes begin and end
 _FAR = 100.0  # [rad] of inverse solutions that do not exist: no posture is near them
 
 
-class MastControl(InputControl):
+class MastControl(InputControl[Mast]):
     """Actions are increments of the two tensions; the mast follows its equilibrium."""
 
     action_size = 2

@@ -4,14 +4,17 @@ No script or data is loaded from anywhere. What is shown at a point has been com
 equation; the 2-X has a page that solves its inverse kinematics at every point (`analysis.two_x.page`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_agents.web_page import as_data, as_text, write_page
+from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.mechanics.design import Member
 
 
 @dataclass(frozen=True)
@@ -99,10 +102,10 @@ def write_browse_page(
     return write_page(path, Path(__file__).with_name("browse_page.html"), TITLE=as_text(title), DATA=as_data(data))
 
 
-def members_of(nodes: Any, members: Sequence[Any]) -> list[tuple[str, np.ndarray]]:
+def members_of(nodes: Mapping[str, Sequence[Component]], members: Sequence[Member]) -> list[tuple[str, np.ndarray]]:
     """The members of a planar mechanism as lines between its nodes."""
     return [(m.kind, np.array([[float(v) for v in nodes[name]] for name in m.nodes])) for m in members]
 
 
-def _rounded(points: Any) -> list[list[float]]:
+def _rounded(points: ArrayLike) -> list[list[float]]:
     return [[float(f"{v:.5g}") for v in p] for p in np.asarray(points, float).tolist()]

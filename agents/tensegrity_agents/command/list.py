@@ -12,6 +12,7 @@ from tensegrity_agents.console import clear_errors, console, for_machines, say, 
 from tensegrity_agents.controllers import baselines_of
 from tensegrity_agents.env_options import short_name
 from tensegrity_agents.pretrained import pretrained_ids
+from tensegrity_envs.env import unwrapped
 from tensegrity_envs.registration import ENTRIES
 
 
@@ -42,7 +43,7 @@ def described(env_id: str, summary: str) -> dict[str, Any]:
 
 def detailed(row: dict[str, Any]) -> dict[str, Any]:
     """The same, and what the numbers mean, for one environment whose packages are there."""
-    core: Any = gym.make(row["id"], disable_env_checker=True).unwrapped.core  # type: ignore[attr-defined]
+    core = unwrapped(gym.make(row["id"], disable_env_checker=True)).core
     simulation, schema = core.simulation, core.schema
     moved = "joint angles" if core.control == "joint" else schema.fields[core.input_name].meaning
     return row | {
@@ -116,7 +117,7 @@ def tell_one(row: dict[str, Any], name: str) -> None:
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
     for key, value in row.items():
-        shown: Any = value
+        shown: object = value
         if isinstance(value, dict):
             shown = "\n".join(f"{name}: {one[0] if isinstance(one, list) else one}" for name, one in value.items())
         elif isinstance(value, list):

@@ -1,7 +1,7 @@
 """Drive an arm by keyboard and mouse."""
 
 from collections.abc import Callable
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -12,6 +12,7 @@ from tensegrity_agents.console import clear_errors, say
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.evaluation.player import Player
 from tensegrity_envs import termination_reason
+from tensegrity_envs.env import unwrapped
 from tensegrity_envs.rendering import Scene, View, Viewer
 
 # Pairs of keys for the components of an action: less and more.
@@ -98,8 +99,8 @@ def main(
     with clear_errors("good bye"):
         env_id = chosen.named("TwoXReach-v0")
         given = options.checked(env_id)
-        env: Any = gym.make(env_id, render_mode="rgb_array", max_episode_steps=-1, **given)
-        viewer = Viewer(env.unwrapped.render_size, f"tensegrity play {env_id}")
+        env = gym.make(env_id, render_mode="rgb_array", max_episode_steps=-1, **given)
+        viewer = Viewer(unwrapped(env).render_size, f"tensegrity play {env_id}")
         try:
             drive(Player(env, make_controller(_FOLLOWER, env_id, given)), viewer, PygameHands(), seed, speed)
         finally:

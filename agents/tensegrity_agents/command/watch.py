@@ -12,10 +12,12 @@ from tensegrity_agents.command_options import EnvironmentChoice, EnvironmentOpti
 from tensegrity_agents.config import ConfigError
 from tensegrity_agents.console import checked_file, clear_errors, list_of_baselines, say
 from tensegrity_agents.controllers import baselines_of, make_controller
+from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.player import Player
 from tensegrity_agents.pretrained import load_pretrained, pretrained_ids
 from tensegrity_agents.reporting.film import SUFFIXES, write_film
 from tensegrity_envs import termination_reason
+from tensegrity_envs.env import unwrapped
 from tensegrity_envs.rendering import DisplayError, draw
 
 _REST = 0.8  # how long a film shows the end of an episode [s]
@@ -87,11 +89,11 @@ def main(
 
 
 def show(
-    env_id: str, controller: Any, options: dict[str, Any], episodes: int, seed: int, window: bool, fps: int = 20
+    env_id: str, controller: Controller, options: dict[str, Any], episodes: int, seed: int, window: bool, fps: int = 20
 ) -> list[Image.Image]:
     """Let a controller run episodes, in a window or into a list of pictures, which is empty with a window."""
     env = gym.make(env_id, render_mode="human" if window else "rgb_array", **options)
-    base: Any = env.unwrapped
+    base = unwrapped(env)
     player, frames = Player(env, controller), []
 
     def keep() -> None:

@@ -11,6 +11,7 @@ from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.random import RandomController
 from tensegrity_agents.own_modules import own_module
 from tensegrity_envs.core import Core
+from tensegrity_envs.env import unwrapped
 
 __all__ = ["BASELINES", "DYNAMIC", "baselines_of", "make_controller", "register_baselines", "teachers_of"]
 
@@ -84,7 +85,7 @@ def make_controller(name: str, env_id: str, options: Mapping[str, Any] | None = 
     """
     baselines = baselines_of(env_id)
     if name in baselines:
-        env: Any = gym.make(env_id, **(options or {})).unwrapped
+        env = unwrapped(gym.make(env_id, **(options or {})))
         return baselines[name](env.core)
     if ":" not in name:
         raise ValueError(f"controller {name!r}: there are {', '.join(baselines)}, or your own class as 'module:Class'")

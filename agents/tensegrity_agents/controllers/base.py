@@ -30,7 +30,11 @@ class Controller(Protocol):
     """
 
     def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+        self,
+        observation: Observation,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = False,
     ) -> tuple[np.ndarray, Any]:
         """Actions for a batch of observations, and the controller's next state."""
         ...
@@ -164,7 +168,7 @@ class AnalyticController(ABC, Generic[Memory]):
         self,
         observation: Observation,
         state: Memory | None = None,
-        episode_start: Any = None,
+        episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Memory]:
         """Actions for a batch of n observations, and what to remember.

@@ -31,7 +31,8 @@ class BelievedPlant:
     """
 
     def __init__(self, core: Core) -> None:
-        engine: Any = core.engine
+        engine = core.engine
+        assert engine is not None
         self.core, self.model = core, engine.model
         drawn = {name: getattr(core.randomization, name) for name in FACTORS}
         drawn = {name: given for name, given in drawn.items() if given is not None and given[0] < given[1]}

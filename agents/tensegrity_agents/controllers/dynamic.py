@@ -84,7 +84,8 @@ class Damped(Adapted[Memory]):
 
     def __init__(self, core: Core, base: Base, adds: str) -> None:
         super().__init__(core, base, adds)
-        engine: Any = core.engine
+        engine = core.engine
+        assert engine is not None
         self.model, self.joints = engine.model, int(engine.joints)
 
     @cached_property

@@ -12,7 +12,7 @@ their own; this is how lengths act on them.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg import expm
@@ -86,7 +86,8 @@ class Damping:
     most = 0.02
 
     def __init__(self, core: Core, modes: Modes, enabled: bool = True) -> None:
-        engine: Any = core.engine
+        engine = core.engine
+        assert engine is not None
         self.enabled = enabled
         self.modes, self.model = modes, engine.model
         dynamics = self.model.dynamics

@@ -13,6 +13,7 @@ from gymnasium import spaces
 
 from tensegrity_agents.controllers import FOLDERS
 from tensegrity_agents.controllers.base import Observation, beginning
+from tensegrity_envs.env import unwrapped
 
 # By the name of the environment's arm, as the folders of the mechanisms say.
 FEATURES: dict[str, Callable[[Any], Any]] = {
@@ -32,7 +33,7 @@ class ModelFeatures:
     """
 
     def __init__(self, env_id: str, options: dict[str, Any] | None = None) -> None:
-        env: Any = gym.make(env_id, **(options or {})).unwrapped
+        env = unwrapped(gym.make(env_id, **(options or {})))
         arm = gym.spec(env_id).kwargs["arm"]
         if arm not in FEATURES:
             known = [

@@ -151,7 +151,7 @@ class MPC(AnalyticController[MPCMemory]):
 
     def _followed(self, observed: DecodedObservation, memory: MPCMemory, episodes: np.ndarray) -> np.ndarray:
         """States of the models after a step in which the inputs became what is measured."""
-        core: Any = self.core
+        core = self.core
         rows = core.states.rows
         states = np.ascontiguousarray(memory.model.T)
         actions = (observed.inputs.T - states[list(rows.inputs)]) / self.rate

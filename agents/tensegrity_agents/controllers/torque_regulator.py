@@ -20,6 +20,7 @@ as large as the rate: what is costly is to change the inputs, for it is their ra
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import LinAlgError, solve_discrete_are
 
 from tensegrity_envs.simulation.mujoco.linearizing import LinearMotion
@@ -111,7 +112,7 @@ def effect_of(
     return here - np.einsum("nij,nj->ni", effect, inputs), effect
 
 
-def allocated(effect: np.ndarray, wanted: np.ndarray, near: np.ndarray, low: Any, high: Any) -> np.ndarray:
+def allocated(effect: np.ndarray, wanted: np.ndarray, near: np.ndarray, low: ArrayLike, high: ArrayLike) -> np.ndarray:
     """Inputs u with E u = `wanted` within bounds, near given ones: those that come to a bound stay there, and the
     others make up for it as far as they can (redistributed pseudo-inverse).
 

@@ -99,7 +99,7 @@ def evaluate(
         record.add(info, np.zeros(count), np.ones(count, bool), initial=True)
         with _blaming(name, "begin_episodes"):
             begin_episodes(controller, shell, count)
-        state: Any = None
+        state: object = None
         start = np.ones(count, bool)
         alive = np.ones(count, bool)
         for step in range(limit):

@@ -4,12 +4,18 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from tensegrity_agents.web_page import as_data, as_text, write_page
 from tensegrity_envs.compiler.javascript import function
+from tensegrity_envs.mechanics.protocol import Mechanism
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+D = TypeVar("D", bound="DataclassInstance")
 
 HERE = Path(__file__).parent
 
@@ -131,22 +137,24 @@ def write_playground(playground: Playground, path: Path) -> Path:
     )
 
 
-def varying(design: Any, *names: str) -> Any:
+def varying(design: D, *names: str) -> D:
     """A design some of whose numbers vary, for `compiler.javascript.function`."""
     return replace(design, **{name: np.array([float(getattr(design, name))]) for name in names})
 
 
-def numbers_of(design: Any) -> dict[str, Any]:
+def numbers_of(design: object) -> dict[str, float]:
     """The numbers of a design by name."""
     return {name: float(value) for name, value in vars(design).items() if isinstance(value, float | int)}
 
 
-def members_of(mechanism: Any, kinds: Sequence[str] = ("bar", "spring", "cable", "actuator")) -> Any:
+def members_of(
+    mechanism: Mechanism, kinds: Sequence[str] = ("bar", "spring", "cable", "actuator")
+) -> tuple[tuple[str, str, str], ...]:
     """Kind and nodes of a mechanism's members; of two along one line only the first."""
-    found: dict[tuple[str, ...], str] = {}
+    found: dict[tuple[str, str], str] = {}
     for member in mechanism.members:
         if member.kind in kinds:
-            found.setdefault(tuple(member.nodes), member.kind)
+            found.setdefault(member.nodes, member.kind)
     return tuple((kind, *nodes) for nodes, kind in found.items())
 
 

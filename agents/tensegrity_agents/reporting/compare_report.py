@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from matplotlib.figure import Figure
 
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers.base import Controller
@@ -61,7 +62,7 @@ def write_comparison(
 
     made: dict[str, Path] = {}
 
-    def keep(name: str, figure: Any) -> None:
+    def keep(name: str, figure: Figure) -> None:
         made[name] = style.save(figure, pictures / name, f"{short_name(experiment.env)}: {_TITLES[name]}")
         drawn(name)
 
@@ -158,7 +159,7 @@ def _paths(controller: Controller, experiment: Experiment, count: int) -> tuple[
     joints, tips = [info["configuration"]], [start]
     length = np.zeros(count, int)
     success = np.zeros(count, bool)
-    state: Any = None
+    state: object = None
     begun, alive = np.ones(count, bool), np.ones(count, bool)
     while alive.any():
         actions, state = controller.predict(observation, state=state, episode_start=begun, deterministic=True)

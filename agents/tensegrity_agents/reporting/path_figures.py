@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.ticker import MaxNLocator
+from shapely.geometry.base import BaseGeometry
 
 from tensegrity_agents.reporting.style import (
     AREA,
@@ -126,7 +127,7 @@ def swfw(design: TwoXDesign) -> Callable[[Any], np.ndarray]:
     return inside(stable_wrench_feasible_workspace(TwoX(design)).reachable)
 
 
-def inside(region: Any) -> Callable[[Any], np.ndarray]:
+def inside(region: BaseGeometry) -> Callable[[Any], np.ndarray]:
     """Paints where the tip can be, a shapely geometry [m]."""
 
     def paint(axes: Axes) -> np.ndarray:

@@ -68,7 +68,7 @@ _PACKAGES = (
 _MEDIA = {".png": "image/png", ".svg": "image/svg+xml", ".gif": "image/gif", ".jpg": "image/jpeg"}
 
 
-def collect_metadata(command: str, config: Mapping[str, Any], seeds: Any) -> dict[str, Any]:
+def collect_metadata(command: str, config: Mapping[str, Any], seeds: object) -> dict[str, Any]:
     """What it takes to make a result again, ready for JSON: no host or user name.
 
     Args:
@@ -123,11 +123,11 @@ def _git_revision(file: Path) -> dict[str, Any] | None:
         return None
 
 
-def _jsonable(value: Any) -> Any:
+def _jsonable(value: object) -> Any:
     return json.loads(json.dumps(value, default=_plain_value))
 
 
-def _plain_value(value: Any) -> Any:
+def _plain_value(value: object) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, range | set | frozenset):
@@ -317,7 +317,7 @@ def _facts(metadata: Mapping[str, Any]) -> list[tuple[str, str]]:
     return facts
 
 
-def _inline(value: Any) -> str:
+def _inline(value: object) -> str:
     """A value on one line; a mapping as "key value, key value"."""
     value = _jsonable(value)
     if isinstance(value, dict):
@@ -327,5 +327,5 @@ def _inline(value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 1e6 else str(value)
 
 
-def _pretty(value: Any) -> str:
+def _pretty(value: object) -> str:
     return json.dumps(_jsonable(value), indent=2, ensure_ascii=False) if value else ""

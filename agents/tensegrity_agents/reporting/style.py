@@ -17,6 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
 from matplotlib.transforms import Bbox
+from shapely.geometry.base import BaseGeometry
 
 _STYLE: Any = {
     "figure.dpi": 100,
@@ -185,7 +186,7 @@ def legend(axes: Axes, handles: Sequence[Any] | None = None) -> None:
         axes.legend(handles=list(handles), loc="upper left", bbox_to_anchor=(1.01, 1.02), borderaxespad=0.2)
 
 
-def outline(geometry: Any) -> Outline | None:
+def outline(geometry: BaseGeometry) -> Outline | None:
     """A shapely geometry's polygons as one matplotlib path, holes included; None where there is none."""
     rings = []
     smallest = _SLIVER * shapely.area(geometry)

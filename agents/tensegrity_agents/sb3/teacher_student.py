@@ -27,6 +27,7 @@ from tensegrity_agents.sb3.errors import TrainingError
 from tensegrity_agents.sb3.levels import Shells
 from tensegrity_agents.sb3.policy_file import Normalization
 from tensegrity_envs.core import Core
+from tensegrity_envs.env import unwrapped
 from tensegrity_envs.simulation.protocol import RUNNING
 from tensegrity_envs.vector_env import ManipulatorVectorEnv
 
@@ -73,7 +74,7 @@ class Teacher:
         self.true = shell.core
         drawn = {n: getattr(self.true.randomization, n) for n in self.true.randomization.names if n not in _HIDDEN}
         own = {**options, "randomization": drawn, "level": 0}
-        env: Any = gym.make(env_id, **own).unwrapped
+        env = unwrapped(gym.make(env_id, **own))
         self.core = env.core
         self.oracle = teachers_of(env_id)[name](self.core)
         sampled = self.core.sample(np.zeros(2, np.int64), np.arange(2)).episode

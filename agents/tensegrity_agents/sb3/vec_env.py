@@ -1,6 +1,6 @@
 """A Gymnasium VectorEnv (SAME_STEP autoreset) as a Stable-Baselines3 VecEnv."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -120,7 +120,7 @@ class VectorEnvAdapter(VecEnv):
         return [None] * self.num_envs if pictures is None else list(pictures)
 
 
-def _each(info: dict[str, Any], index: Any) -> list[dict[str, Any]]:
+def _each(info: dict[str, Any], index: Iterable[int]) -> list[dict[str, Any]]:
     """The infos of the environments at `index`, as one dict each."""
     names = [name for name in info if not name.startswith(("_", "final_"))]
     return [{name: info[name][i] for name in names} for i in index]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.compiler.pytree import Schema, is_row, tree_map
+from tensegrity_envs.compiler.pytree import Row, Schema, is_row, tree_map
 from tensegrity_envs.compiler.tracing import Graph, Op, Slot, Symbol
 
 _INFIX = {
@@ -51,11 +51,11 @@ def function(name: str, component_code: Callable[..., Any], **arguments: Any) ->
     graph = Graph()
     written: dict[str, str] = {}  # how a value is written, by the name of its symbol
 
-    def symbols(argument: str, tree: Any) -> Any:
+    def symbols(argument: str, tree: object) -> Any:
         schema = Schema(tree)
         places = _places(schema.rows, argument)
 
-        def symbol(row: Any) -> Symbol:
+        def symbol(row: Row) -> Symbol:
             found = graph.input(Slot(argument, row), row.kind)
             written[found.name] = places[row]
             return found
@@ -67,7 +67,7 @@ def function(name: str, component_code: Callable[..., Any], **arguments: Any) ->
         raise ValueError(f"{name}: it follows a path of equilibria, which is not written in JavaScript")
     leaves: list[str] = []
 
-    def shown(value: Any) -> str:
+    def shown(value: object) -> str:
         leaves.append(str(graph.local(value)))
         return leaves[-1]
 
@@ -79,12 +79,12 @@ def function(name: str, component_code: Callable[..., Any], **arguments: Any) ->
     return "\n".join([f"function {name}({', '.join(arguments)}) {{", *lines, f"  return {text};", "}"])
 
 
-def _places(rows: Any, prefix: str) -> dict[int, str]:
+def _places(rows: object, prefix: str) -> dict[int, str]:
     """Where the components of an argument stand in it, in JavaScript, by their row."""
     found: dict[int, str] = {}
 
-    def visit(tree: Any, place: str) -> None:
-        if is_row(tree):
+    def visit(tree: object, place: str) -> None:
+        if isinstance(tree, Row):
             found[tree] = place
         elif fields := _fields(tree):
             for key, part in fields.items():
@@ -97,7 +97,7 @@ def _places(rows: Any, prefix: str) -> dict[int, str]:
     return found
 
 
-def _fields(tree: Any) -> dict[str, Any]:
+def _fields(tree: object) -> dict[str, Any]:
     """What becomes an object, by name."""
     if hasattr(tree, "_asdict"):
         return dict(tree._asdict())
@@ -106,7 +106,7 @@ def _fields(tree: Any) -> dict[str, Any]:
     return vars(tree) if hasattr(type(tree), "__dataclass_fields__") else {}
 
 
-def _literal(tree: Any, shown: Callable[[Any], str]) -> str:
+def _literal(tree: object, shown: Callable[[Any], str]) -> str:
     """A result as an array, an object or a number."""
     if fields := _fields(tree):
         return "{" + ", ".join(f"{key}: {_literal(part, shown)}" for key, part in fields.items()) + "}"

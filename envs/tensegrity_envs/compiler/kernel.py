@@ -20,11 +20,11 @@ from tensegrity_envs.compiler.pytree import Row, Schema, empty_matrix, is_array,
 from tensegrity_envs.compiler.tracing import Graph, Slot, Symbol
 
 
-def _is_result(value: Any) -> bool:
+def _is_result(value: object) -> bool:
     return isinstance(value, Symbol | bool | int | float | np.number) and not isinstance(value, Row)
 
 
-def _result_kind(value: Any) -> str:
+def _result_kind(value: object) -> str:
     if isinstance(value, Symbol):
         return value.kind
     return {bool: "bool", int: "int"}.get(type(value), "float")
@@ -82,7 +82,7 @@ class Kernel:
                 raise RuntimeError("compiled code refuses its arguments; please report this with the array's `flags`")
         self._free.append(work)
 
-    def __deepcopy__(self, memo: Any) -> "Kernel":
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Kernel":
         """Itself: nothing of it changes."""
         return self
 
@@ -135,7 +135,7 @@ def _lifted(function: Callable[..., Any], lifting: Lifting) -> Callable[..., Any
     return types.FunctionType(code, function.__globals__, function.__name__, defaults, tuple(cells))
 
 
-def _symbols(graph: Graph, first: int, rows: Any) -> Any:
+def _symbols(graph: Graph, first: int, rows: object) -> Any:
     """The pytree of a schema on symbols that are read from the rows from `first` on."""
     return tree_map(lambda row: graph.input(Slot("w", first + row), row.kind), rows, is_row)
 
@@ -332,7 +332,7 @@ def evaluate(function: Callable[..., Any], *arguments: Any) -> Any:
 _OF_FUNCTION: dict[Any, Kernel] = {}
 
 
-def _flatten(tree: Any, leaves: list[Any], key: list[Any]) -> None:
+def _flatten(tree: object, leaves: list[Any], key: list[Any]) -> None:
     """Collect the components of a pytree, and what tells it from pytrees of which another kernel is made."""
     kind = type(tree)
     if kind is float or isinstance(tree, float | np.ndarray):
@@ -355,7 +355,7 @@ def _flatten(tree: Any, leaves: list[Any], key: list[Any]) -> None:
             key += [kind, tree]
 
 
-def _flatten_design(tree: Any, leaves: list[Any], key: list[Any]) -> None:
+def _flatten_design(tree: object, leaves: list[Any], key: list[Any]) -> None:
     """The same of a part of a design, of which only arrays are components."""
     if isinstance(tree, np.ndarray):
         leaves.append(tree)
@@ -375,7 +375,7 @@ def _flatten_design(tree: Any, leaves: list[Any], key: list[Any]) -> None:
 def _schemas(arguments: Any) -> list[Schema[Any]]:
     """Of the arguments of `evaluate`."""
 
-    def vary(tree: Any) -> Any:
+    def vary(tree: object) -> Any:
         return tree_map(vary, tree, is_array) if dataclasses.is_dataclass(tree) else np.zeros(1)
 
     whole = tree_map(

@@ -145,7 +145,7 @@ def to_single(component: Component) -> Component:
     return float(np.float32(component))
 
 
-def is_tensor(component: Any) -> bool:
+def is_tensor(component: object) -> bool:
     """Whether a component is a Torch tensor."""
     return type(component).__module__.startswith("torch")
 

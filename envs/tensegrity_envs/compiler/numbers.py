@@ -33,7 +33,7 @@ class Number(float):
         return derived("abs", abs, self)
 
 
-def _source(value: Any) -> str:
+def _source(value: object) -> str:
     return value.source if isinstance(value, Number) else repr(value)
 
 
@@ -87,7 +87,7 @@ class Lifting:
         self._values[name] = value
         return Number(value, name)
 
-    def lift(self, value: Any, source: str) -> Any:
+    def lift(self, value: object, source: str) -> Any:
         """The same with numbers in the place of floats."""
         if self._is_leaf(value) or isinstance(value, Number | bool | int | str | type(None)):
             return value

@@ -16,7 +16,7 @@ T = TypeVar("T")
 _CROWDED, _FEW, _GAP = 128, 4, 8  # columns, rows, columns
 
 
-def tree_leaves(tree: Any, is_leaf: Callable[[Any], bool]) -> Iterator[Any]:
+def tree_leaves(tree: object, is_leaf: Callable[[Any], bool]) -> Iterator[Any]:
     """The leaves of a pytree, in a fixed order; whatever is neither a container nor a leaf is left out."""
     if is_leaf(tree):
         yield tree
@@ -31,7 +31,7 @@ def tree_leaves(tree: Any, is_leaf: Callable[[Any], bool]) -> Iterator[Any]:
             yield from tree_leaves(part, is_leaf)
 
 
-def tree_map(function: Callable[[Any], Any], tree: Any, is_leaf: Callable[[Any], bool]) -> Any:
+def tree_map(function: Callable[[Any], Any], tree: object, is_leaf: Callable[[Any], bool]) -> Any:
     """The pytree with a function of every leaf in its place. Designs are not validated anew: parts of valid batches
     are valid.
     """
@@ -62,7 +62,7 @@ def empty_matrix(rows: int, columns: int) -> np.ndarray:
     return np.empty((rows, columns + _GAP))[:, :columns]
 
 
-def as_matrix(array: Any) -> np.ndarray:
+def as_matrix(array: object) -> np.ndarray:
     """An array of two dimensions as compiled code reads it: itself, if it is of float64 and its rows are unbroken."""
     given = np.asarray(array)
     if given.dtype == np.float64 and given.ndim == 2 and given.strides[1] == given.itemsize:
@@ -72,7 +72,7 @@ def as_matrix(array: Any) -> np.ndarray:
     return matrix
 
 
-def is_array(value: Any) -> bool:
+def is_array(value: object) -> bool:
     """Whether a value varies along a batch."""
     return isinstance(value, np.ndarray)
 
@@ -89,12 +89,12 @@ class Row(int):
         return row
 
 
-def is_row(value: Any) -> bool:
+def is_row(value: object) -> bool:
     """Whether a value is the row of a component."""
     return isinstance(value, Row)
 
 
-def _kind_of_array(array: Any) -> str:
+def _kind_of_array(array: np.ndarray) -> str:
     return {"b": "bool", "i": "int"}.get(array.dtype.kind, "float")
 
 

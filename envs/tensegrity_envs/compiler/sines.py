@@ -6,7 +6,7 @@ The C library's take one number at a time, and were half of an environment's ste
 import math
 from typing import Any
 
-from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.compiler.namespace import Component, Namespace
 
 # pi / 2 in three parts. The first two have 33 bits: their products with whole numbers below 2**20 are exact.
 HALF_PI_1 = float.fromhex("0x1.921fb544p+0")
@@ -43,7 +43,7 @@ PI_2, PI_2_REST = math.pi / 2, 6.123233995736766e-17
 PI, PI_REST = math.pi, 1.2246467991473532e-16
 
 
-def sine_and_cosine(xp: Any, x: Component) -> tuple[Component, Component]:
+def sine_and_cosine(xp: Namespace, x: Component) -> tuple[Component, Component]:
     """Of an angle [rad], to within a unit in the last place below a million."""
     quarters = (x * TWO_OVER_PI + ROUND) - ROUND
     # The distance to the nearest quarter turn is r - rest, as exactly as two numbers can tell; of -0 it is -0.

@@ -39,7 +39,7 @@ class Threads:
         """All but the threads, which belong to their process."""
         return {"count": self.count, "_pool": None}
 
-    def __deepcopy__(self, memo: Any) -> "Threads":
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Threads":
         """As many threads of its own."""
         return Threads(self.count)
 

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from tensegrity_envs.compiler.continuation import Rows
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.compiler.numbers import Number, derived
 
 
@@ -96,11 +97,11 @@ class Graph:
             known = self._known[code, names] = Symbol(self, name, kind, level)
         return known
 
-    def store(self, slot: Slot, value: Any) -> None:
+    def store(self, slot: Slot, value: Component) -> None:
         """Leave a symbol or a number in a slot."""
         self.stores.append((slot, str(self.local(value))))
 
-    def local(self, value: Any) -> "Symbol | str":
+    def local(self, value: Component) -> "Symbol | str":
         """A symbol or a number as this graph can use it.
 
         Numbers of designs, loads and limits become data, so that kernels that differ in them only share their code.
@@ -158,7 +159,7 @@ class Symbol:
         return operation("pow", self, power)
 
 
-def operation(code: str, *arguments: Any, kind: str = "float") -> Symbol:
+def operation(code: str, *arguments: Component, kind: str = "float") -> Symbol:
     """An operation on symbols and numbers, placed as far out as its arguments allow."""
     graph = None
     for argument in arguments:
@@ -188,7 +189,7 @@ Symbol.__hash__ = object.__hash__  # type: ignore[method-assign]
 def _function(code: str, of_floats: Callable[..., Any], kind: str = "float") -> Any:
     """A function that still takes plain numbers, with which it is evaluated while tracing."""
 
-    def call(*arguments: Any) -> Any:
+    def call(*arguments: Component) -> Component:
         if any(isinstance(argument, Symbol) for argument in arguments):
             return operation(code, *arguments, kind=kind)
         if any(isinstance(argument, Number) for argument in arguments):
@@ -198,7 +199,7 @@ def _function(code: str, of_floats: Callable[..., Any], kind: str = "float") -> 
     return call
 
 
-def _where(condition: Any, a: Any, b: Any) -> Any:
+def _where(condition: Component, a: Component, b: Component) -> Component:
     if not isinstance(condition, Symbol):
         return a if condition else b
     kinds = {value.kind if isinstance(value, Symbol) else type(value).__name__ for value in (a, b)}
@@ -236,8 +237,13 @@ class Path:
         self.level, self.resolution = 0, ""
 
     def finish(
-        self, step: Sequence[Any], pivot: Any, volume: Any, start: Sequence[Any], resolution: float
-    ) -> tuple[tuple[Any, ...], Any]:
+        self,
+        step: Sequence[Component],
+        pivot: Component,
+        volume: Component,
+        start: Sequence[Component],
+        resolution: float,
+    ) -> tuple[Components, Component]:
         """Close the path's code with its results; let the function follow it, and return its end and fraction."""
         for row, value in enumerate((*step, pivot, volume), self.rows.step):
             self.graph.store(Slot("w", row), value)

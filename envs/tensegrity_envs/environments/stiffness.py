@@ -17,6 +17,7 @@ from tensegrity_envs.core import Sampled
 from tensegrity_envs.environments.n_x import NXReach
 from tensegrity_envs.environments.two_x import TwoXReach
 from tensegrity_envs.environments.two_x.sampling import Drawn
+from tensegrity_envs.mechanics.x_arms import XArm
 from tensegrity_envs.observation import Divided, Field
 from tensegrity_envs.options import QUASI_STATIC, Options
 from tensegrity_envs.seeding import EpisodeStream
@@ -133,7 +134,7 @@ class StiffnessGoals(TwoXReach):
         more = {"tip_error": tip_error, "stiffness": self.tip_stiffness(state)}
         return super().hidden_info(episode, state) | more
 
-    def commandable(self, mechanism: Any, q: Components) -> tuple[np.ndarray, np.ndarray]:
+    def commandable(self, mechanism: XArm, q: Components) -> tuple[np.ndarray, np.ndarray]:
         """The least and the greatest stiffness [N/m] that is asked for in a posture: a part of `stiffness_range`."""
         least, greatest = (np.asarray(end) for end in mechanism.stiffness_range(q, direction=self.direction))
         low = np.maximum(least, _LEAST_SHARE * greatest)
@@ -151,7 +152,7 @@ class StiffnessGoals(TwoXReach):
         wanted = self.log_stiffness(np, low * (high / low) ** share)
         return *super().drawn_goal(drawn, seed, episode), to_single(wanted)
 
-    def solutions(self, mechanism: Any, goal: Components, known: Components | None = None) -> tuple[Components, ...]:
+    def solutions(self, mechanism: XArm, goal: Components, known: Components | None = None) -> tuple[Components, ...]:
         """See `TwoXReach.solutions`; those that cannot be as stiff as asked are moved to infinity."""
         found = super().solutions(mechanism, goal, known)
         if not found:
@@ -162,7 +163,7 @@ class StiffnessGoals(TwoXReach):
             fits |= (np.abs(table - np.stack(known)) < 1e-9).all(axis=1)
         return tuple(tuple(np.where(good, q, np.inf)) for good, q in zip(fits, table, strict=True))
 
-    def is_range_of(self, mechanism: Any, q: Components, wanted: Component) -> np.ndarray:
+    def is_range_of(self, mechanism: XArm, q: Components, wanted: Component) -> np.ndarray:
         """Where feasible tensions make postures, components of shape (..., n), as stiff as asked (n,)."""
         here = np.isfinite(q[0])
         with np.errstate(all="ignore"):

@@ -71,7 +71,7 @@ def take(batch: D, index: Index) -> D:
     return part
 
 
-def _taken(value: Any, index: Index) -> Any:
+def _taken(value: object, index: Index) -> Any:
     if value is None or isinstance(value, float | int | str):  # which most are: this saves them a long way
         return value
     if isinstance(value, np.ndarray):

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -140,7 +139,7 @@ def frame_around(places: Iterable[Sequence[np.ndarray]]) -> tuple[Point, float]:
     return ((left + right) / 2, (low + high) / 2), 0.54 * max(right - left, high - low)
 
 
-def checked_size(size: Any) -> tuple[int, int]:
+def checked_size(size: object) -> tuple[int, int]:
     """Width and height of a picture [pixels], from one number or two.
 
     Raises:

@@ -38,7 +38,7 @@ def around_meeting(mechanism: PlanarFourBar, margin: float) -> Disc:
     return Disc(length, length, length * math.sqrt(1.5 * margin / 2))
 
 
-class LoadedLengthControl(InputControl):
+class LoadedLengthControl(InputControl[PlanarFourBar]):
     """Under a force: the mechanism follows its stable equilibrium in (theta, gamma) by continuation.
 
     Snapping to the other side is a failure ("buckled"), and so is a thrust beyond 2 K L ("wrench-infeasible").

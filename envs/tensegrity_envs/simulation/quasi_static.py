@@ -1,9 +1,10 @@
 """Quasi-static simulations: the arm is always in equilibrium, and actions move it slowly from one to the next."""
 
 from abc import ABC, abstractmethod
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Generic, Protocol, TypeVar
 
-from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace, namespace_of
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle
 from tensegrity_envs.mechanics.equilibrium import continuation
 from tensegrity_envs.mechanics.two_x import TwoX
@@ -19,7 +20,7 @@ from tensegrity_envs.simulation.protocol import (
 )
 
 
-def clip(xp: Any, value: Component, low: Component, high: Component) -> Component:
+def clip(xp: Namespace, value: Component, low: Component, high: Component) -> Component:
     """The value within [low, high]."""
     return xp.minimum(xp.maximum(value, low), high)
 
@@ -59,11 +60,26 @@ class JointControl:
         return keep_where(xp, new.failure != RUNNING, new, state)
 
 
-class InputControl(ABC):
+class Driven(Protocol):
+    """What the simulations ask of every mechanism; the rest is asked by `InputControl`'s methods for one kind."""
+
+    @property
+    def design(self) -> Any:
+        """Its parameters."""
+
+    @property
+    def tip(self) -> Callable[..., Components]:
+        """The position of the tip [m], of the configuration and, where that is not enough, the inputs."""
+
+
+M = TypeVar("M", bound=Driven)
+
+
+class InputControl(ABC, Generic[M]):
     """Actions are increments of the mechanism's inputs; the arm follows its stable equilibrium by continuation.
 
     Inputs saturate at their bounds. Loss of stability on the way is a failure ("buckled"), and so is a joint beyond its
-    limit ("joint limit"); the arm is then left in the last stable state.
+    limit ("joint limit"); the arm is then left in the last stable state. M is the kind of mechanism that is driven.
     """
 
     action_size: int
@@ -72,45 +88,43 @@ class InputControl(ABC):
     resolution = 1 / 512  # of a step: how closely the last stable state before buckling is found
 
     @abstractmethod
-    def bounds(self, mechanism: Any) -> tuple[Component, Component]:
+    def bounds(self, mechanism: M) -> tuple[Component, Component]:
         """Lowest and highest value of every input."""
 
     @abstractmethod
-    def statics(self, mechanism: Any, u: Components, inputs: Components, load: Components) -> Any:
+    def statics(self, mechanism: M, u: Components, inputs: Components, load: Components) -> Any:
         """Gradient and Hessian of the energy in the coordinates in which the equilibrium is followed."""
 
-    def to_coordinates(self, mechanism: Any, q: Components) -> Components:
+    def to_coordinates(self, mechanism: M, q: Components) -> Components:
         """The coordinates of a configuration in which its equilibrium is followed."""
         return q
 
-    def from_coordinates(self, mechanism: Any, u: Components) -> Components:
+    def from_coordinates(self, mechanism: M, u: Components) -> Components:
         """The configuration [rad]."""
         return u
 
     @abstractmethod
-    def margins(
-        self, mechanism: Any, q: Components, inputs: Components, load: Components
-    ) -> tuple[Component, Component]:
+    def margins(self, mechanism: M, q: Components, inputs: Components, load: Components) -> tuple[Component, Component]:
         """Stability margin and wrench margin."""
 
     @abstractmethod
-    def usual_inputs(self, mechanism: Any, q: Components, load: Components) -> Components:
+    def usual_inputs(self, mechanism: M, q: Components, load: Components) -> Components:
         """The inputs that hold q."""
 
-    def actuation(self, mechanism: Any, inputs: Components) -> Components:
+    def actuation(self, mechanism: M, inputs: Components) -> Components:
         """What the actuators do under these inputs: tensions [N] or free lengths [m]; here the inputs themselves."""
         return inputs
 
-    def slack(self, mechanism: Any, q: Components, inputs: Components) -> Component:
+    def slack(self, mechanism: M, q: Components, inputs: Components) -> Component:
         """By how much a cable that could hang slack does, in nominal free lengths; here none can."""
         return 0.0 * q[0]
 
-    def coordinates(self, mechanism: Any, q: Components, inputs: Components) -> Components:
+    def coordinates(self, mechanism: M, q: Components, inputs: Components) -> Components:
         """Those of the dynamic simulation, of a mechanism at rest."""
         return q
 
     def in_motion(
-        self, mechanism: Any, u: Components, velocity: Components, inputs: Components, load: Components, time: Component
+        self, mechanism: M, u: Components, velocity: Components, inputs: Components, load: Components, time: Component
     ) -> State:
         """The state of a mechanism that moves.
 
@@ -124,7 +138,7 @@ class InputControl(ABC):
         """
         return self.at_rest(mechanism, u, inputs, load, time)._replace(velocity=velocity)
 
-    def failed(self, mechanism: Any, state: State, before: State) -> Component:
+    def failed(self, mechanism: M, state: State, before: State) -> Component:
         """How a mechanism in motion has failed: beyond a joint limit ("joint limit"), by a slack cable ("cable slack").
 
         Args:
@@ -137,7 +151,7 @@ class InputControl(ABC):
         slack = self.slack(mechanism, state.configuration, state.inputs)
         return xp.where(slack > LARGEST_SLACK, SLACK, failure)
 
-    def is_outside(self, mechanism: Any, q: Components) -> Component:
+    def is_outside(self, mechanism: M, q: Components) -> Component:
         """Whether a configuration is beyond its limits: here, one of its components beyond the design's `joint_limit`.
 
         Episodes end there ("joint limit"). A mechanism with other limits says so in a subclass.
@@ -147,24 +161,24 @@ class InputControl(ABC):
             outside = outside | (abs(angle) > mechanism.design.joint_limit)
         return outside
 
-    def moved(self, mechanism: Any, inputs: Components, action: Components) -> Components:
+    def moved(self, mechanism: M, inputs: Components, action: Components) -> Components:
         """The inputs after an action; they saturate at their bounds."""
         low, high = self.bounds(mechanism)
         xp = namespace_of(*inputs)
         return tuple(clip(xp, f + self.rate * a, low, high) for f, a in zip(inputs, action, strict=True))
 
-    def start(self, mechanism: Any, episode: Episode, q: Components, inputs: Components | None = None) -> State:
+    def start(self, mechanism: M, episode: Episode, q: Components, inputs: Components | None = None) -> State:
         """See `Simulation.start`."""
         load = episode.load_at(0)
         inputs = self.usual_inputs(mechanism, q, load) if inputs is None else inputs
         return self.at_rest(mechanism, q, inputs, load, 0.0 * q[0])
 
-    def at_rest(self, mechanism: Any, q: Components, inputs: Components, load: Components, time: Component) -> State:
+    def at_rest(self, mechanism: M, q: Components, inputs: Components, load: Components, time: Component) -> State:
         """The state in a configuration that these inputs hold."""
         stability, wrench = self.margins(mechanism, q, inputs, load)
         return State(q, inputs, mechanism.tip(q), stability, wrench, RUNNING, time)
 
-    def advance(self, mechanism: Any, episode: Episode, state: State, action: Components) -> State:
+    def advance(self, mechanism: M, episode: Episode, state: State, action: Components) -> State:
         """See `Simulation.advance`."""
         xp = namespace_of(*state.configuration)
         old, new = state.inputs, self.moved(mechanism, state.inputs, action)
@@ -191,7 +205,7 @@ class InputControl(ABC):
         return keep_where(xp, outside, reached, state)
 
 
-class TensionControl(InputControl):
+class TensionControl(InputControl[TwoX]):
     """Arms of X-joints, driven by increments of their cable tensions: of the 2-X four."""
 
     rate = 15.0
@@ -227,7 +241,7 @@ class TensionControl(InputControl):
         return mechanism.stiffest_tensions(q)
 
 
-class DeltaControl(InputControl):
+class DeltaControl(InputControl[DualTriangle]):
     """The dual-triangle arm, driven by increments of its control inputs delta, one for each segment."""
 
     def __init__(self, arm: DualTriangle) -> None:
@@ -303,7 +317,7 @@ class FreeLengthControl(DeltaControl):
         return mechanism.free_lengths(mechanism.control(q, load))
 
 
-def keep_where(xp: Any, failed: Component, new: State, old: State) -> State:
+def keep_where(xp: Namespace, failed: Component, new: State, old: State) -> State:
     """Configuration, inputs and tip of the failed are those before the step."""
 
     def choose(before: Components, after: Components) -> Components:

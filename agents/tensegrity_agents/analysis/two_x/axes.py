@@ -6,6 +6,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
+from shapely.geometry.base import BaseGeometry
 
 from tensegrity_agents.reporting.style import INK, outline
 from tensegrity_envs.geometry.accessibility import PI
@@ -36,7 +37,7 @@ ANGLES = r"$\alpha_1$ [rad]", r"$\alpha_2$ [rad]"
 _TICKS = {k: v for k, v in zip((-2, -1, 0, 1, 2), (r"$-2\pi$", r"$-\pi$", "0", r"$\pi$", r"$2\pi$"), strict=True)}
 
 
-def fill(axes: Axes, geometry: Any, colour: str, **kwargs: Any) -> None:
+def fill(axes: Axes, geometry: BaseGeometry, colour: str, **kwargs: Any) -> None:
     """Fill a shapely geometry, simplified as far as print does not show."""
     x0, y0, x1, y1 = geometry.bounds
     path = outline(geometry.simplify(_FINE * max(x1 - x0, y1 - y0)))

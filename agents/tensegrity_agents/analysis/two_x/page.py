@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from tensegrity_agents import web_page
 from tensegrity_envs.geometry.regions import Region
@@ -92,12 +93,12 @@ def write_page(
     )
 
 
-def _packed(values: Any) -> str:
+def _packed(values: object) -> str:
     """Numbers as base64 of little-endian 32-bit floats."""
     return base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()
 
 
-def _rings(shape: Any) -> list[np.ndarray]:
+def _rings(shape: BaseGeometry) -> list[np.ndarray]:
     polygons = [p for p in shapely.get_parts(shape) if p.geom_type == "Polygon" and not p.is_empty]
     return [np.asarray(ring.coords) for p in polygons for ring in (p.exterior, *p.interiors)]
 

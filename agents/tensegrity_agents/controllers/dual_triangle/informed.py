@@ -14,6 +14,7 @@ from tensegrity_agents.controllers.base import AnalyticController, rows_of
 from tensegrity_agents.controllers.dual_triangle.identification import explain
 from tensegrity_agents.controllers.dual_triangle.reach import Memory, Oracle
 from tensegrity_envs.core import Core
+from tensegrity_envs.mechanics.dual_triangle import DualTriangleDesign
 from tensegrity_envs.observation import DecodedObservation
 
 
@@ -61,7 +62,8 @@ class Informed(AnalyticController[InformedMemory]):
         return action, InformedMemory(plan, np.clip(memory.inputs + self.rate * action, low, high))
 
 
-def _of_one(design: Any) -> Any:
+def _of_one(design: DualTriangleDesign) -> DualTriangleDesign:
     """The design of a batch of one, with numbers for arrays."""
     values = {field.name: getattr(design, field.name) for field in fields(design)}
-    return replace(design, **{name: float(v[0]) for name, v in values.items() if isinstance(v, np.ndarray)})
+    numbers: dict[str, Any] = {name: float(v[0]) for name, v in values.items() if isinstance(v, np.ndarray)}
+    return replace(design, **numbers)

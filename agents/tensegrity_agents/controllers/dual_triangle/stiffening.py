@@ -5,7 +5,8 @@ leaves the other, `common`, which on bilateral springs adds stiffness the longer
 of a posture are at a bound, and what is left to choose is the posture on the self-motion curve.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -68,7 +69,12 @@ def _held(
 
 
 def hold(
-    arm: DualTriangle, bounds: tuple[float, float], q: Any, load: Any, common: Any = (0.0, 0.0, 0.0), share: Any = 1.0
+    arm: DualTriangle,
+    bounds: tuple[float, float],
+    q: Sequence[Component] | np.ndarray,
+    load: Sequence[Component],
+    common: Sequence[Component] = (0.0, 0.0, 0.0),
+    share: Component = 1.0,
 ) -> Held:
     """The free lengths that hold postures under loads, between given common parts and the stiffest ones.
 
@@ -91,7 +97,13 @@ def hold(
     return Held(lengths, np.where(np.isfinite(margin), margin, -1.0))
 
 
-def withstood(arm: DualTriangle, bounds: tuple[float, float], q: Any, unit: Any, largest: float) -> np.ndarray:
+def withstood(
+    arm: DualTriangle,
+    bounds: tuple[float, float],
+    q: Sequence[Component] | np.ndarray,
+    unit: Sequence[Component],
+    largest: float,
+) -> np.ndarray:
     """The largest force [N] in the direction `unit` under which postures can be held stably, at the stiffest inputs."""
     low = np.zeros(np.shape(q[0]))
     high = np.full(np.shape(q[0]), largest)

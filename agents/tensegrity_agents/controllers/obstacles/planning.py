@@ -1,13 +1,13 @@
 """Joint paths among obstacles: straight to one of the solutions of the target, or by a sampling planner."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from tensegrity_agents.controllers.connecting import connect
 from tensegrity_agents.controllers.obstacles.clearing import KEPT, Clearing
-from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
 _STRAIGHT = 32  # solutions, the nearest ones, to which the straight path is looked at
@@ -66,7 +66,9 @@ class PathPlanner:
         return []
 
     @staticmethod
-    def is_path_free(is_free: Any, start: np.ndarray, path: list[np.ndarray], spacing: float) -> bool:
+    def is_path_free(
+        is_free: Callable[[np.ndarray], np.ndarray], start: np.ndarray, path: list[np.ndarray], spacing: float
+    ) -> bool:
         """Whether a whole path is free at looks so far apart [rad]."""
         points = [start, *path]
         legs = []
@@ -82,7 +84,7 @@ class PlansFreePaths:
     knows = "the nominal design and the obstacles; plans a free joint path"
     nominal: Any
 
-    def __init__(self, core: Core) -> None:
+    def __init__(self, core: Any) -> None:
         further: Any = super()
         further.__init__(core)
         self.planner = PathPlanner(core)

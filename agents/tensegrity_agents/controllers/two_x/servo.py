@@ -26,7 +26,7 @@ believed to be in that step.
 """
 
 from dataclasses import replace
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from tensegrity_agents.controllers.base import AnalyticController, jacobian_at
 from tensegrity_agents.controllers.two_x.reach import Memory, Observer
 from tensegrity_agents.controllers.two_x.reading import configuration_from_tip
 from tensegrity_agents.controllers.two_x.tracking import joint_action, resolved_rate, tension_action
+from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics import TwoX, TwoXDesign
 from tensegrity_envs.observation import DecodedObservation
@@ -201,7 +202,7 @@ class IdentifyingObserver(Servo):
         return np.linalg.inv(information + np.eye(2))  # of a singular arm, a radian in the direction that is not seen
 
 
-def _varied(design: TwoXDesign, stiffness: Any, mass: Any, payload: Any) -> TwoXDesign:
+def _varied(design: TwoXDesign, stiffness: Component, mass: Component, payload: Component) -> TwoXDesign:
     """The design with these factors of stiffness and bars' mass, and this payload [kg]."""
     return replace(
         design,

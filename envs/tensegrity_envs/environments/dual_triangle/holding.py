@@ -1,12 +1,11 @@
 """Starts of the dual-triangle arm that hold a target on the axis, with all six free lengths within their bounds."""
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from tensegrity_envs.compiler.kernel import Kernel
-from tensegrity_envs.compiler.namespace import Component, Components
+from tensegrity_envs.compiler.namespace import Component, Components, Namespace
 from tensegrity_envs.compiler.pytree import Schema
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.seeding import EpisodeStream
@@ -131,5 +130,5 @@ def hold_start(
     return q, good
 
 
-def _arccos(xp: Any, c: Component) -> Component:
+def _arccos(xp: Namespace, c: Component) -> Component:
     return xp.atan2(xp.sqrt(xp.maximum(1 - c * c, 0.0)), c)

@@ -7,7 +7,9 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.environments.two_x.sampling import Sampler
+from tensegrity_envs.mechanics import NXDesign
 from tensegrity_envs.mechanics.n_x import NX
+from tensegrity_envs.mechanics.x_arms import XArm
 
 _NODES = {2: 161, 3: 61}  # of the grid along each angle; more joints have no grid
 _LOOKS = 64  # along a straight path
@@ -35,6 +37,8 @@ class NXSampler(Sampler):
         probes = tuple(np.random.default_rng(0).uniform(-limit, limit, (self.joints, _PROBES)))
         return np.stack([self._inside_under(np.full(_PROBES, level), probes) for level in self._levels])
 
+    design: NXDesign
+
     def _component(self, payload: np.ndarray, q: Components) -> np.ndarray:
         if self.joints in _NODES:
             return super()._component(payload, q)
@@ -43,7 +47,7 @@ class NXSampler(Sampler):
     def _inside_under(self, payload: np.ndarray, q: Components) -> np.ndarray:
         return self.inside(NX(replace(self.design, payload=payload)), q)
 
-    def _joined(self, mechanism: Any, payload: np.ndarray, start: Components, q: Components) -> np.ndarray:
+    def _joined(self, mechanism: XArm, payload: np.ndarray, start: Components, q: Components) -> np.ndarray:
         if self.joints in _NODES:
             return super()._joined(mechanism, payload, start, q)
         m = len(q[0])

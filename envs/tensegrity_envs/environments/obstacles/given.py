@@ -12,7 +12,7 @@ MOST = 8  # discs drawn
 _KINDS: dict[str, type[Any]] = {"radius": Disc, "corners": Polygon, "normal": Wall}  # by a field that tells them apart
 
 
-def checked_obstacles(given: Any) -> int | tuple[Obstacle, ...]:
+def checked_obstacles(given: object) -> int | tuple[Obstacle, ...]:
     """The number of discs that are drawn for each episode, or the obstacles of all episodes.
 
     Args:
@@ -34,7 +34,7 @@ def checked_obstacles(given: Any) -> int | tuple[Obstacle, ...]:
     return tuple(_obstacle(one, f"obstacles[{k}]") for k, one in enumerate(given))
 
 
-def _obstacle(given: Any, name: str) -> Obstacle:
+def _obstacle(given: object, name: str) -> Obstacle:
     if isinstance(given, Disc | Polygon | Wall):
         return given
     kind = next((_KINDS[key] for key in _KINDS if isinstance(given, Mapping) and key in given), None)

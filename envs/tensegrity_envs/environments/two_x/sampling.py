@@ -13,6 +13,7 @@ from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.checks import checked_range
 from tensegrity_envs.mechanics.equilibrium import continuation
 from tensegrity_envs.mechanics.two_x import TwoX
+from tensegrity_envs.mechanics.x_arms import XArm, XDesign
 from tensegrity_envs.seeding import EpisodeStream, until_found
 
 _MIN_MARGIN = 0.01  # of starts and targets, for both margins [-]
@@ -31,14 +32,14 @@ class Drawn(NamedTuple):
         target_configuration: one configuration that solves the episode [rad].
     """
 
-    mechanism: Any
+    mechanism: XArm
     configuration: Components
     tensions: Components | None
     target_configuration: Components
 
 
 @lru_cache(maxsize=8)  # a mebibyte or, of three joints and a hidden payload, eight
-def _components(arm: type[Any], design: Any, levels: tuple[float, ...], nodes: int) -> np.ndarray:
+def _components(arm: type[Any], design: XDesign, levels: tuple[float, ...], nodes: int) -> np.ndarray:
     """Numbers of the connected components on a grid, for every level of the payload; 0 outside.
 
     Environments of one design share them.
@@ -71,7 +72,7 @@ class Sampler:
 
     arm: ClassVar[type[Any]] = TwoX
 
-    def __init__(self, design: Any, payload_range: tuple[float, float] | None = None) -> None:
+    def __init__(self, design: XDesign, payload_range: tuple[float, float] | None = None) -> None:
         self.design = design
         self.payload_range = payload_range
         low, high = checked_range("payload_range", payload_range, "kg", (float(design.payload), float(design.payload)))
@@ -94,7 +95,7 @@ class Sampler:
         arm: Any = self.arm  # hashable, as classes are
         return _components(arm, self.design, tuple(self._levels.tolist()), self.nodes)
 
-    def _joined(self, mechanism: Any, payload: np.ndarray, start: Components, q: Components) -> np.ndarray:
+    def _joined(self, mechanism: XArm, payload: np.ndarray, start: Components, q: Components) -> np.ndarray:
         """Whether configurations are in the connected components that those of the starts are in."""
         component = self._component(payload, start)
         return np.asarray((component > 0) & (self._component(payload, q) == component))
@@ -107,7 +108,7 @@ class Sampler:
         place = (np.rint((angle + limit) / (2 * limit) * (self.nodes - 1)).astype(int) for angle in q)
         return np.asarray(self._components[(level.astype(int), *place)])
 
-    def sample(self, seed: np.ndarray, episode: np.ndarray, design: Any = None) -> Drawn:
+    def sample(self, seed: np.ndarray, episode: np.ndarray, design: XDesign | None = None) -> Drawn:
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,).
 
         Args:
@@ -143,7 +144,7 @@ class Sampler:
         target = until_found(stream, n, k, try_target, f"no target found for {self.design} in {{}} draws")
         return Drawn(mechanism, start, tuple(found[k:]) if hidden else None, tuple(target))
 
-    def start_at(self, mechanism: Any, q: Components, is_hidden: bool) -> tuple[Components, Components | None]:
+    def start_at(self, mechanism: XArm, q: Components, is_hidden: bool) -> tuple[Components, Components | None]:
         """Where an arm begins, and under which tensions, that is put into a posture.
 
         Args:
@@ -172,7 +173,7 @@ class Sampler:
             raise ValueError(f"configuration {_shown(q)}: not stable under the payload of this episode")
         return rest, tensions
 
-    def in_reach(self, mechanism: Any, q: Components, solutions: tuple[Components, ...]) -> np.ndarray:
+    def in_reach(self, mechanism: XArm, q: Components, solutions: tuple[Components, ...]) -> np.ndarray:
         """Which solutions of a batch of one are in the start's connected component of the SWFJ."""
         payload = mechanism.design.payload * np.ones(1)
         same = [
@@ -185,7 +186,7 @@ class Sampler:
         limit = self.design.joint_limit
         return tuple(stream.uniform(-limit, limit) for _ in range(self.joints))
 
-    def _try_start(self, nominal: Any, stream: EpisodeStream, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _try_start(self, nominal: XArm, stream: EpisodeStream, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where arms begin and, if the payload is hidden, under which tensions, and which of them are good."""
         q = self._uniform(stream)
         good = self.inside(nominal, q)
@@ -207,12 +208,12 @@ class Sampler:
         good &= self._component(payload, tuple(np.where(good, angle, 0.0) for angle in found[: self.joints])) > 0
         return found, good
 
-    def inside(self, mechanism: Any, q: Components) -> np.ndarray:
+    def inside(self, mechanism: XArm, q: Components) -> np.ndarray:
         """Whether both margins of configurations within the joint limits are at least 0.01."""
         return _is_far_inside(*evaluate(_margins, self.arm, mechanism.design, q))
 
     def _add_payload(
-        self, nominal: Any, q: Components, tensions: Components, before: np.ndarray, after: np.ndarray
+        self, nominal: XArm, q: Components, tensions: Components, before: np.ndarray, after: np.ndarray
     ) -> tuple[Components, np.ndarray]:
         """Where arms at rest in q come to rest when their payload changes slowly, and whether they stayed stable on
         the way.
@@ -231,14 +232,14 @@ def _is_far_inside(stability: np.ndarray, wrench: np.ndarray) -> np.ndarray:
     return np.asarray((stability >= _MIN_MARGIN) & (wrench >= _MIN_MARGIN))
 
 
-def _margins(arm: type[Any], design: Any, q: Components) -> tuple[Component, Component]:
+def _margins(arm: type[Any], design: XDesign, q: Components) -> tuple[Component, Component]:
     """Stability and wrench margin of the stiffest tensions."""
     _, stability, wrench = arm(design).posture(q)
     return stability, wrench
 
 
 def _change_payload(
-    kind: type[Any], design: Any, q: Components, tensions: Components, before: Component, after: Component
+    kind: type[Any], design: XDesign, q: Components, tensions: Components, before: Component, after: Component
 ) -> tuple[Components, Component]:
     arm = kind(design)
 

@@ -12,7 +12,7 @@ import numpy as np
 from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.simulation.mujoco.building_space import add_picture, add_platform, add_view
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
-from tensegrity_envs.simulation.mujoco.linkage import Linkage
+from tensegrity_envs.simulation.mujoco.linkage import Linkage, Loop
 from tensegrity_envs.simulation.mujoco.platform import Platform
 
 TIP_BODY = "tip"
@@ -31,7 +31,7 @@ _COLOURS = {
 }
 
 
-def _point(z: Any, depth: float = 0.0) -> list[float]:
+def _point(z: complex | np.ndarray, depth: float = 0.0) -> list[float]:
     """MuJoCo's position of a point in the plane (a complex number), moved behind it, or of one in space."""
     return [z.real, depth, z.imag] if isinstance(z, complex) else [float(component) for component in z]
 
@@ -220,7 +220,7 @@ def _add_bodies(spec: mujoco.MjSpec, linkage: Linkage, dynamics: Dynamics, radiu
     return bodies
 
 
-def _add_loop(spec: mujoco.MjSpec, linkage: Linkage, bodies: list[Any], loop: Any, timestep: float) -> None:
+def _add_loop(spec: mujoco.MjSpec, linkage: Linkage, bodies: list[Any], loop: Loop, timestep: float) -> None:
     names = []
     for body, node in ((loop.first, loop.first_node), (loop.second, loop.second_node)):
         names.append(f"loop {node} of {bodies[body].name}")

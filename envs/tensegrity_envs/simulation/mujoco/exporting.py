@@ -6,11 +6,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 _BESIDE = 1e-3  # [rad]: an arm that could stay in an unstable equilibrium falls from here
 
 
-def write_mjcf(model: Any, path: Path, q: Any, inputs: Any) -> Path:
+def write_mjcf(model: Any, path: Path, q: ArrayLike | None, inputs: ArrayLike | None) -> Path:
     """See `MujocoModel.to_mjcf`."""
     spec = model.spec
     # What diverges begins anew, as usual; mujoco-warp knows no files in which it does not.
@@ -38,7 +39,7 @@ def _resting(model: Any) -> np.ndarray:
     return np.asarray(model.linkage.joint_angles(found.configuration))
 
 
-def _write_ramped(model: Any, spec: mujoco.MjSpec, q: Any, inputs: Any) -> None:
+def _write_ramped(model: Any, spec: mujoco.MjSpec, q: ArrayLike | None, inputs: ArrayLike | None) -> None:
     """Lengths count from those of the pose: without a key frame, MuJoCo begins with activations of zero."""
     if q is None:
         q, lengths = model.skeleton.at_rest()

@@ -12,6 +12,7 @@ from itertools import product as pairs_of
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
@@ -220,7 +221,7 @@ class Linkage:
 
     # --------------------------------------------------------------------------------------------------- kinematics
 
-    def joint_angles(self, q: Any) -> np.ndarray:
+    def joint_angles(self, q: ArrayLike) -> np.ndarray:
         """Joint angles [rad] of the exactly closed mechanism, (..., bodies - 1), at q of shape (..., n)."""
         q = np.asarray(q, float)
         nodes = self._nodes_at(q)
@@ -351,6 +352,6 @@ def _place(frame: tuple[Component, ...], point: tuple[Component, Component]) -> 
     return x + (c * px - s * py), y + (s * px + c * py)
 
 
-def _pair(point: Any) -> tuple[float, float]:
+def _pair(point: complex) -> tuple[float, float]:
     """x and y of a complex number."""
     return float(point.real), float(point.imag)

@@ -1,11 +1,11 @@
 """A mechanism as a dynamic simulation in MuJoCo, with its energies, its rest, its variants and its file."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.mujoco.exporting import write_mjcf
@@ -42,7 +42,7 @@ class MujocoModel(Simulator):
     Made from, and with the attributes of, a `Simulator`.
     """
 
-    def variant(self, mechanism: Any = None, dynamics: Dynamics | None = None) -> Any:
+    def variant(self, mechanism: Any = None, dynamics: Dynamics | None = None) -> mujoco.MjModel:
         """MuJoCo's model of an arm of the same bar lengths with other parameters, without compiling anew.
 
         Args:
@@ -62,9 +62,9 @@ class MujocoModel(Simulator):
 
     def settle(
         self,
-        inputs: Any,
-        start: Any,
-        load: Sequence[float] | None = None,
+        inputs: ArrayLike,
+        start: ArrayLike,
+        load: ArrayLike | None = None,
         tolerance: float | None = None,
         max_steps: int = 20_000,
     ) -> Settled:
@@ -100,7 +100,7 @@ class MujocoModel(Simulator):
             reason,
         )
 
-    def _come_to_rest(self, data: Any, calm_speed: float, max_steps: int) -> tuple[str, int]:
+    def _come_to_rest(self, data: mujoco.MjData, calm_speed: float, max_steps: int) -> tuple[str, int]:
         before, calm = 0.0, 0
         for step in range(max_steps):
             mujoco.mj_step(self.model, data)
@@ -116,12 +116,12 @@ class MujocoModel(Simulator):
             before = energy
         return f"not at rest after {max_steps} steps", max_steps
 
-    def command(self, data: Any, inputs: np.ndarray, load: Any) -> None:
+    def command(self, data: mujoco.MjData, inputs: np.ndarray, load: ArrayLike | None) -> None:
         """Put constant inputs, and a load at the tip [N] or None, into an MjData of this model."""
         data.ctrl[:] = 0.0 if self.is_ramped else inputs
         data.xfrc_applied[self._tip, self._axes] = self._check_load(load)
 
-    def _at(self, q: Any, inputs: Any = None, load: Any = None) -> Any:
+    def _at(self, q: ArrayLike, inputs: ArrayLike | None = None, load: ArrayLike | None = None) -> mujoco.MjData:
         """Scratch data at rest in the exactly closed configuration, with all forces but those of the constraints."""
         data = self._scratch
         inputs = self.input_bounds[0] if inputs is None else self._check_inputs(inputs)
@@ -132,14 +132,14 @@ class MujocoModel(Simulator):
         mujoco.mj_fwdActuation(self.model, data)
         return data
 
-    def potential_energy(self, q: Any, inputs: Any, load: Sequence[float] | None = None) -> float:
+    def potential_energy(self, q: ArrayLike, inputs: ArrayLike, load: ArrayLike | None = None) -> float:
         """Potential energy [J] of gravity, springs, cables (tension times length) and load, as MuJoCo's forces have it.
 
         Weights are zero at the base, and the energy equals the mechanism's own.
         """
         return self._energy_of(self._at(q, inputs, load))
 
-    def _energy_of(self, data: Any) -> float:
+    def _energy_of(self, data: mujoco.MjData) -> float:
         model = self.model
         energy = float(self._weights @ data.xipos[:, 2])
         low, high = model.tendon_lengthspring.T
@@ -156,7 +156,7 @@ class MujocoModel(Simulator):
                 energy += stiffness * (max(stretched, 0.0) if member.goes_slack else stretched) ** 2 / 2
         return energy - float(data.xfrc_applied[self._tip, :3] @ data.xipos[self._tip])
 
-    def energy(self, state: np.ndarray, inputs: Any, load: Sequence[float] | None = None) -> float:
+    def energy(self, state: np.ndarray, inputs: ArrayLike, load: ArrayLike | None = None) -> float:
         """Kinetic and potential energy of a state [J]."""
         data = self._scratch
         self._load(data, self._check("state", state, self.state_size))
@@ -164,7 +164,7 @@ class MujocoModel(Simulator):
         mujoco.mj_fwdPosition(self.model, data)
         return self._energy_of(data) + float(data.qvel @ self._full_mass_matrix(data) @ data.qvel) / 2
 
-    def energy_gradient(self, q: Any, inputs: Any, load: Sequence[float] | None = None) -> np.ndarray:
+    def energy_gradient(self, q: ArrayLike, inputs: ArrayLike, load: ArrayLike | None = None) -> np.ndarray:
         """Derivative of the potential energy in q [N m/rad], shape (n,): MuJoCo's forces, through the loops."""
         data = self._at(q, inputs, load)
         force = data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
@@ -173,20 +173,20 @@ class MujocoModel(Simulator):
         mujoco.mj_applyFT(self.model, data, xfrc[:3].copy(), xfrc[3:].copy(), data.xipos[self._tip], self._tip, applied)
         return np.asarray(-(force + applied) @ self.linkage.rates_by_configuration(data.qpos.copy()))
 
-    def mass_matrix(self, q: Any) -> np.ndarray:
+    def mass_matrix(self, q: ArrayLike) -> np.ndarray:
         """Mass matrix in the coordinates q [kg m2], shape (n, n): kinetic energy = qdot . M qdot / 2."""
         data = self._at(q)
         rates = self.linkage.rates_by_configuration(data.qpos.copy())
         return np.asarray(rates.T @ self._full_mass_matrix(data) @ rates)
 
-    def _full_mass_matrix(self, data: Any) -> np.ndarray:
+    def _full_mass_matrix(self, data: mujoco.MjData) -> np.ndarray:
         full = np.zeros((self.model.nv, self.model.nv))
         mujoco.mj_fullM(self.model, data, full)
         return full
 
     # ------------------------------------------------------------------------------------------------------- pictures
 
-    def to_mjcf(self, path: str | Path, q: Any = None, inputs: Any = None) -> Path:
+    def to_mjcf(self, path: str | Path, q: ArrayLike | None = None, inputs: ArrayLike | None = None) -> Path:
         """Write the model as an MJCF file, for `python -m mujoco.viewer --mjcf=...`, whose sliders are the inputs (of
         prismatic actuators: their speeds).
 
@@ -204,7 +204,7 @@ class MujocoModel(Simulator):
         return write_mjcf(self, Path(path), q, inputs)
 
 
-def _first_column(values: Any) -> np.ndarray:
+def _first_column(values: ArrayLike) -> np.ndarray:
     """Linear stiffnesses, of MuJoCo's polynomials or plain numbers."""
     values = np.asarray(values)
     return np.asarray(values[:, 0] if values.ndim == 2 else values)

@@ -2,6 +2,7 @@
 
 import math
 import threading
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -130,7 +131,7 @@ class Pictures:
                 red, green, blue = tension_colour(tension, scene.tension_bounds)
                 model.tendon_rgba[tendon] = red / 255, green / 255, blue / 255, 1.0
 
-    def _decorate(self, drawn: Any, scene: Scene) -> None:
+    def _decorate(self, drawn: mujoco.MjvScene, scene: Scene) -> None:
         """Add target, its way, trace and load to a scene of MuJoCo's."""
         for point in scene.curve:
             _add_sphere(drawn, point, 0.004 * scene.reach, _CURVE)
@@ -158,13 +159,15 @@ class Pictures:
                 drawn.ngeom += 1
 
 
-def _in_space(point: Any) -> np.ndarray:
+def _in_space(point: Sequence[float] | np.ndarray) -> np.ndarray:
     """A point of the mechanism's plane, or of space."""
     x, *rest = (float(component) for component in point)
     return np.array([x, *rest] if len(rest) == 2 else [x, 0.0, *rest])
 
 
-def _add_sphere(drawn: Any, point: Any, radius: float, rgba: tuple[float, ...]) -> None:
+def _add_sphere(
+    drawn: mujoco.MjvScene, point: Sequence[float] | np.ndarray, radius: float, rgba: tuple[float, ...]
+) -> None:
     if drawn.ngeom >= drawn.maxgeom:
         return
     mujoco.mjv_initGeom(

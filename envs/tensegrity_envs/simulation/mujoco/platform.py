@@ -6,9 +6,8 @@ configuration is q = (x, y, z, w1, w2, w3) with the rotation vector in world axe
 velocity in world axes in place of the rotation vector's rate.
 """
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_envs.mechanics.spatial_prism.vectors import spin
 from tensegrity_envs.simulation.skeleton import PrismSkeleton
@@ -75,7 +74,7 @@ class Platform:
         """Position of a node in the axes of its body [m]."""
         return self.reference[node]
 
-    def joint_angles(self, q: Any) -> np.ndarray:
+    def joint_angles(self, q: ArrayLike) -> np.ndarray:
         """MuJoCo's coordinates (..., 7) at q of shape (..., 6)."""
         q = np.asarray(q, float)
         angle = np.linalg.norm(q[..., 3:], axis=-1, keepdims=True)

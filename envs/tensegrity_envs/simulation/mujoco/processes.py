@@ -79,7 +79,7 @@ class Pools:
         self._pools: dict[int, tuple[Rollout, list[Any]]] = {}
         _all_pools.add(self)
 
-    def of(self, model: Any, count: int) -> tuple[Rollout, list[Any]]:
+    def of(self, model: mujoco.MjModel, count: int) -> tuple[Rollout, list[mujoco.MjData]]:
         """So many threads, and data of the model for each."""
         if count not in self._pools:
             data = [mujoco.MjData(model) for _ in range(count)]

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_envs.simulation.mujoco.building import TIP_BODY, build, input_members
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
@@ -136,7 +137,7 @@ class Simulator:
 
     # ----------------------------------------------------------------------------------------------------- checking
 
-    def _check(self, name: str, value: Any, size: int) -> np.ndarray:
+    def _check(self, name: str, value: ArrayLike, size: int) -> np.ndarray:
         array = np.asarray(value, float)
         if array.shape[-1:] != (size,):
             raise ValueError(f"{name} of shape {array.shape}: must be ({size},) or (m, {size})")
@@ -144,16 +145,16 @@ class Simulator:
             raise ValueError(f"{name} = {value!r}: must be finite numbers")
         return array
 
-    def _check_configuration(self, q: Any) -> np.ndarray:
+    def _check_configuration(self, q: ArrayLike) -> np.ndarray:
         array = self._check("configuration", q, self.linkage.size)
         if (abs(array) > self.linkage.limit + 1e-9).any():
             raise ValueError(f"configuration = {q!r}: |q| must be at most {self.linkage.limit:.4g} rad")
         return array
 
-    def _check_load(self, load: Any) -> np.ndarray:
+    def _check_load(self, load: ArrayLike | None) -> np.ndarray:
         return np.zeros(self.linkage.space) if load is None else self._check("load", load, self.linkage.space)
 
-    def _check_inputs(self, inputs: Any) -> np.ndarray:
+    def _check_inputs(self, inputs: ArrayLike) -> np.ndarray:
         array = self._check("inputs", inputs, self.input_size)
         low, high = self.input_bounds
         if (array < low - 1e-9).any() or (array > high + 1e-9).any():
@@ -162,7 +163,9 @@ class Simulator:
 
     # ------------------------------------------------------------------------------------------------------- states
 
-    def state(self, q: Any, velocity: Any = None, inputs: Any = None, time: float = 0.0) -> np.ndarray:
+    def state(
+        self, q: ArrayLike, velocity: ArrayLike | None = None, inputs: ArrayLike | None = None, time: float = 0.0
+    ) -> np.ndarray:
         """The state in which every loop is exactly closed.
 
         Args:
@@ -224,7 +227,7 @@ class Simulator:
 
     # -------------------------------------------------------------------------------------------- one simulation
 
-    def reset(self, q: Any, velocity: Any = None, inputs: Any = None) -> np.ndarray:
+    def reset(self, q: ArrayLike, velocity: ArrayLike | None = None, inputs: ArrayLike | None = None) -> np.ndarray:
         """Put `data` into the exactly closed state of `state`, and return that."""
         state = self.state(np.asarray(q, float).reshape(-1), velocity, inputs)
         self._load(self.data, state)
@@ -236,7 +239,7 @@ class Simulator:
         mujoco.mj_getState(self.model, self.data, state, int(_FULL))
         return state
 
-    def step(self, inputs: Any, load: Sequence[float] | None = None, steps: int | None = None) -> bool:
+    def step(self, inputs: ArrayLike, load: ArrayLike | None = None, steps: int | None = None) -> bool:
         """Advance `data`.
 
         Args:
@@ -270,16 +273,18 @@ class Simulator:
             return inputs
         return np.asarray((inputs - states[..., self._actuators]) / (steps * self.dynamics.timestep))
 
-    def _load(self, data: Any, state: np.ndarray) -> None:
+    def _load(self, data: mujoco.MjData, state: np.ndarray) -> None:
         mujoco.mj_resetData(self.model, data)
         mujoco.mj_setState(self.model, data, np.ascontiguousarray(state), int(_FULL))
         mujoco.mj_kinematics(self.model, data)
 
-    def _has_diverged(self, data: Any) -> bool:
+    def _has_diverged(self, data: mujoco.MjData) -> bool:
         warned = any(data.warning[w].number for w in _DIVERGED)
         return warned or not (abs(data.qvel) < FASTEST).all()  # NaN compares as False
 
-    def advance(self, state: np.ndarray, inputs: np.ndarray, load: np.ndarray, model: Any = None) -> RolloutResult:
+    def advance(
+        self, state: np.ndarray, inputs: np.ndarray, load: np.ndarray, model: mujoco.MjModel | None = None
+    ) -> RolloutResult:
         """One simulation of `rollout`, to the bit, without its checks: rolling out costs more than a step's physics.
 
         Args:
@@ -298,7 +303,9 @@ class Simulator:
             mujoco.mj_getState(model, data, after, int(_FULL))
         return RolloutResult(after, np.array(diverged))
 
-    def put(self, state: np.ndarray, inputs: np.ndarray, load: np.ndarray, model: Any = None) -> Any:
+    def put(
+        self, state: np.ndarray, inputs: np.ndarray, load: np.ndarray, model: mujoco.MjModel | None = None
+    ) -> mujoco.MjData:
         """MuJoCo's scratch data in a state, with its controls and load, at the beginning of a step; see `advance`."""
         model, data = self.model if model is None else model, self._scratch
         mujoco.mj_resetData(model, data)
@@ -312,11 +319,11 @@ class Simulator:
     def rollout(
         self,
         states: np.ndarray,
-        inputs: Any,
-        loads: Any = None,
+        inputs: ArrayLike,
+        loads: ArrayLike | None = None,
         steps: int | None = None,
         nthread: int = 1,
-        models: Sequence[Any] | None = None,
+        models: Sequence[mujoco.MjModel] | None = None,
     ) -> RolloutResult:
         """The states some time steps later, each as `step` finds it, to the bit, with any number of threads.
 

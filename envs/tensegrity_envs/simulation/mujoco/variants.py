@@ -7,13 +7,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.simulation.mujoco.building import input_members
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.mujoco.simulator import Simulator
 from tensegrity_envs.simulation.skeleton import skeleton_of
 
 
-def variant_of(simulator: Simulator, mechanism: Any, dynamics: Dynamics) -> Any:
+def variant_of(simulator: Simulator, mechanism: Any, dynamics: Dynamics) -> mujoco.MjModel:
     """See `MujocoModel.variant`."""
     own = simulator.dynamics
     for field in ("timestep", "frame_skip", "integrator"):
@@ -55,7 +56,7 @@ def variant_of(simulator: Simulator, mechanism: Any, dynamics: Dynamics) -> Any:
     return model
 
 
-def _scale_masses(simulator: Simulator, model: Any, members: Sequence[Any], dynamics: Dynamics) -> None:
+def _scale_masses(simulator: Simulator, model: mujoco.MjModel, members: Sequence[Member], dynamics: Dynamics) -> None:
     own = [bar.mass for bar in simulator.mechanism.members if bar.is_rigid]
     new = [bar.mass for bar in members if bar.is_rigid]
     if not own:  # a platform
