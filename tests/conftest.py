@@ -12,6 +12,7 @@ import law_rows
 from tensegrity_envs.simulation.mujoco.displays import choose_gl
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # of each process that the tests start: pytest-xdist uses the cores
 choose_gl()
 
 

@@ -50,7 +50,6 @@ def drawn(mechanism):
 
     def keep(figure, stem, title=""):
         figures.append((stem, title, faults(figure)))
-        figure.set_layout_engine("none")  # laid out once, not again for every format
         return save(figure, stem, title)
 
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as printed:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from collections import defaultdict
 from functools import lru_cache
 
 import gymnasium as gym
@@ -19,7 +20,7 @@ from tensegrity_envs.simulation.mujoco.displays import has_display, require_gl
 from tensegrity_envs.vector_env import step_info
 
 IDS = law_rows.ids(tensegrity_envs.ENV_IDS)
-COUNT = 6
+COUNT = 4
 every_id = pytest.mark.parametrize("env_id", IDS)
 # The dense form of every id; the sparse one of one id for each mechanism, of all others in the full tier.
 SPARSE = [
@@ -30,6 +31,11 @@ FORMS = [(env_id, "dense") for env_id in IDS] + [
     pytest.param(env_id, "sparse", marks=[] if env_id in SPARSE or law_rows.IDS else pytest.mark.full) for env_id in IDS
 ]
 every_form = pytest.mark.parametrize(("env_id", "reward_type"), FORMS)
+
+
+def many(env_id):
+    """How many environments a law of random actions looks at: fewer where a step takes long."""
+    return 20 if is_dynamic(env_id) else 64
 
 
 def is_dynamic(env_id):
@@ -88,29 +94,31 @@ def test_single_and_vector_environments_run_identically_episode_by_episode(env_i
     actions = random_actions(envs, steps)
     observations, _ = envs.reset(seed=seed)
     singles = [make(env_id) for _ in range(COUNT)]
-    for i, env in enumerate(singles):
-        single, _ = env.reset(seed=seed + i)
+    ended, seen = 0, defaultdict(list)  # what both told, by its name: (vector, single) of all steps
+
+    def note(tolerance, batch, single, i):
         for key, value in single.items():
-            np.testing.assert_allclose(observations[key][i], value, rtol=0, atol=1e-7)
-    ended = 0
+            seen[key, tolerance].append((batch[key][i], value))
+
+    for i, env in enumerate(singles):
+        note(1e-7, observations, env.reset(seed=seed + i)[0], i)
     for t in range(steps):
         observations, rewards, terminated, truncated, info = envs.step(actions[t])
         for i, env in enumerate(singles):
             single, reward, term, trunc, single_info = env.step(actions[t, i])
             assert (bool(terminated[i]), bool(truncated[i])) == (term, trunc)
-            assert rewards[i] == pytest.approx(reward, abs=1e-9)
-            last = info["final_info"] if term or trunc else info
-            for key, value in single_info.items():
-                np.testing.assert_allclose(last[key][i], value, rtol=0, atol=1e-9, err_msg=key)
+            note(1e-9, {"reward": rewards}, {"reward": reward}, i)
+            note(1e-9, info["final_info"] if term or trunc else info, single_info, i)
             if term or trunc:
                 ended += 1
                 for key, value in single.items():  # the last observation of the episode that ended
                     np.testing.assert_allclose(info["final_obs"][i][key], value, rtol=0, atol=1e-7)
                 single, _ = env.reset()
-            for key, value in single.items():
-                np.testing.assert_allclose(observations[key][i], value, rtol=0, atol=1e-7)
+            note(1e-7, observations, single, i)
         assert ("final_obs" in info) == bool((terminated | truncated).any())
     assert ended >= COUNT
+    for (key, tolerance), pairs in seen.items():
+        np.testing.assert_allclose(*map(np.stack, zip(*pairs, strict=True)), rtol=0, atol=tolerance, err_msg=key)
 
 
 @every_id
@@ -228,7 +236,7 @@ def test_relabelled_goals_are_rewarded_and_missing_info_is_explained(env_id):
 @every_form
 def test_failing_early_never_pays(env_id, reward_type):
     """No step is worth less than nothing, and the failing one is worth nothing: what is given up was never negative."""
-    envs = make_vec(env_id, 64, reward_type=reward_type)
+    envs = make_vec(env_id, many(env_id), reward_type=reward_type)
     envs.reset(seed=1)
     failed = 0
     for action in random_actions(envs, 120):
@@ -244,7 +252,7 @@ def test_failing_early_never_pays(env_id, reward_type):
 
 @every_id
 def test_observations_stay_in_their_space_and_info_says_what_is_so(env_id):
-    envs = make_vec(env_id, 64)
+    envs = make_vec(env_id, many(env_id))
     observation, info = envs.reset(seed=2)
     space, core = envs.observation_space, envs.unwrapped.core
     for t in range(150):

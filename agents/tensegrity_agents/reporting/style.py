@@ -106,9 +106,12 @@ def save(figure: Figure, stem: Path, title: str = "") -> Path:
         needed = figure.get_tightbbox()
         whole = Bbox.from_bounds(0, 0, *figure.get_size_inches())
         tight: Any = {"bbox_inches": Bbox.union([whole, needed])}  # nothing is cut off, however long a name is
+        engine = figure.get_layout_engine()
+        figure.set_layout_engine("none")  # it is laid out: once for all files
         figure.savefig(png, dpi=200, **tight, metadata={"Software": None, **named})
         figure.savefig(svg, dpi=200, **tight, metadata={"Date": None, **named})
         figure.savefig(pdf, dpi=200, **tight, metadata={"CreationDate": None, **named})
+        figure.set_layout_engine(engine)
     return png
 
 
