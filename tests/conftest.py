@@ -14,6 +14,8 @@ from tensegrity_envs.simulation.mujoco.displays import choose_gl
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # of each process that the tests start: pytest-xdist uses the cores
 choose_gl()
+# Files of the longest tests, which start first: no process is left with one of them while the others have ended.
+LONG = {"test_analyze", "test_campaign", "test_own_mechanism", "test_side_by_side", "test_site"}
 
 
 def pytest_addoption(parser):
@@ -42,6 +44,7 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=later)
         items[:] = [item for item in items if not item.get_closest_marker("full")]
     law_rows.select(config, items)
+    items.sort(key=lambda item: item.path.stem not in LONG)
     for item in items:
         named = re.search(r"\btensegrity/(\w+)-v\d", item.nodeid)
         if named:
