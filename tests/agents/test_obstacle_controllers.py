@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 import tensegrity_envs
 from baseline_runs import run_of, success_of
 from tensegrity_agents.controllers import make_controller
-from tensegrity_agents.controllers.connecting import connect
 from tensegrity_agents.controllers.obstacles.clearing import Clearing
 from tensegrity_agents.controllers.obstacles.planning import PathPlanner
 from tensegrity_envs.geometry.clearance import bars_of
@@ -22,6 +21,7 @@ from tensegrity_envs.seeding import VALIDATION_SEED
 IDS = [env_id for env_id in tensegrity_envs.ENV_IDS if "Obstacle" in env_id]
 every_id = pytest.mark.parametrize("env_id", IDS)
 SPACING = 1e-3  # [rad] of the looks at a path
+LOOKS = 0.01  # [rad] of the looks along an edge of a roadmap
 
 
 def looks_along(path):
@@ -95,14 +95,15 @@ def test_shapely_finds_no_collision_along_a_thousand_planned_paths(env_id, monke
 
 
 def roadmap_joins(is_free, starts, limit, nodes, rng):
-    """Which pairs of starts (2, k, joints) a dense roadmap joins."""
+    """Which pairs of starts (2, k, joints) a dense roadmap joins; looks along its edges are as the planner's."""
     count = starts.shape[1]
     q = rng.uniform(-limit, limit, (3 * nodes, starts.shape[2]))
     points = np.concatenate([*starts, q[is_free(q.T)][:nodes]])
     near = np.asarray(cKDTree(points).query(points, k=16)[1])
     pairs = np.unique(np.sort(np.stack([np.repeat(np.arange(len(points)), 15), near[:, 1:].ravel()]), axis=0), axis=1)
     free = np.ones(pairs.shape[1], bool)
-    for share in np.linspace(0, 1, 34):
+    looks = int(np.ceil(np.abs(points[pairs[0]] - points[pairs[1]]).max() / LOOKS)) + 1
+    for share in np.random.default_rng(0).permutation(np.linspace(0, 1, looks)):
         left = np.flatnonzero(free)
         a, b = points[pairs[:, left]]
         free[left] = is_free((a + share * (b - a)).T)
@@ -126,11 +127,12 @@ def check_against_roadmap(env_id, cases, nodes):
         q = rng.uniform(-limit, limit, (4000, core.nominal.degrees_of_freedom))
         pairs = q[is_free(q.T)][:8].reshape(2, 4, -1)
         for start, end, is_joined in zip(*pairs, roadmap_joins(is_free, pairs, limit, nodes, rng)):
-            found = connect(is_free, start, end[None], float(core.design.joint_limit), 0, 0.01)
+            found = planner.path(core.nominal, start, end[None], discs)
             joined += is_joined
             missed += is_joined and not found
             if found:
                 assert is_free(looks_along([start, *found])).all()
+    print(f"{env_id}: of {8 * cases // 2} pairs the roadmap joins {joined}, of which the planner misses {missed}")
     assert joined > cases
     assert missed == 0
 

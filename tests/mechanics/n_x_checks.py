@@ -153,7 +153,7 @@ def best_by_slides(arm, x, y, start, objective, rng, starts, rounds=160):
     """The best value of the objective that random tangential steps of shrinking length from random starts lead to.
 
     Projection by pseudo-inverse, tangents by singular value decomposition: nothing of the package but tip and Jacobian
-    (and, for "margin", the margins).
+    (and, for "margin", the margins). The objective may be a function of configurations (n, k), to be small.
     """
     n, m = len(start), len(x)
     limit, size = arm.design.joint_limit, float(arm.reach)
@@ -173,6 +173,8 @@ def best_by_slides(arm, x, y, start, objective, rng, starts, rounds=160):
         return q, np.hypot(*(np.array(arm.tip(tuple(q))) - target)) < 1e-10 * size
 
     def value(q, fine):
+        if callable(objective):
+            return np.where(fine, objective(q), np.inf)
         if objective == "margin":
             with np.errstate(all="ignore"):
                 _, stability, wrench = arm.posture(tuple(q))

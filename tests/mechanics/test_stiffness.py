@@ -1,6 +1,7 @@
 """Stiffness of the tip: by differences of equilibria, ranges against grids of tensions, tensions for a stiffness."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from n_x_checks import draw, random_arm
 from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, NXDesign, TwoX
 from tensegrity_envs.mechanics.n_x.vertices import vertices
 
+PULL = (50.0, 50.0, 50.0, 50.0)
 DIRECTIONS = (None, (1.0, 0.0), (0.3, -2.0))
 
 
@@ -159,12 +161,31 @@ def test_a_batch_is_what_single_postures_give():
         assert [float(f[i]) for f in tensions] == pytest.approx(arm.tensions_for(one, float(wanted[i])), rel=1e-9)
 
 
+@pytest.mark.parametrize("size", [5e-324, 1e-200, 3.0, 1e200, 1.7e308])
+def test_a_direction_counts_by_its_angle_alone(size):
+    """Of the largest and smallest floats, too; by powers of two to the last digit."""
+    arm, q = TwoX(MURALIDHARAN2022), (0.1, 0.2)
+    usual, given = arm.stiffness_range(q, direction=(1.0, 1.0)), arm.stiffness_range(q, direction=(size, size))
+    assert given == pytest.approx(usual, rel=1e-14)
+    wanted = 0.5 * sum(usual)
+    tensions = arm.tensions_for(q, wanted, direction=(size, size))
+    assert arm.stiffness(q, tensions, direction=(-size, -size)) == pytest.approx(wanted, rel=1e-9)
+    twice = arm.stiffness(q, tensions, direction=(0.75, -2.5)), arm.stiffness(q, tensions, direction=(6.0, -20.0))
+    assert twice[0] == twice[1]
+
+
 def test_postures_that_are_not_held_and_wrong_directions_are_named():
     arm = TwoX(MURALIDHARAN2022)
     assert arm.stiffness_range((2.9, 2.9)) == (0.0, 0.0)
     with pytest.raises(ValueError, match="no feasible tensions hold it in stable equilibrium"):
         arm.tensions_for((2.9, 2.9), 10.0)
-    with pytest.raises(ValueError, match="must not be zero"):
-        arm.tensions_for((0.1, 0.2), 10.0, direction=(0.0, 0.0))
+    for direction in ((0.0, 0.0), (np.nan, 1.0), (np.inf, 0.0), (np.array([1.0, 0.0]), np.array([1.0, 0.0]))):
+        for call in (
+            arm.stiffness_range,
+            partial(arm.tensions_for, stiffness=10.0),
+            partial(arm.stiffness, tensions=PULL),
+        ):
+            with pytest.raises(ValueError, match=r"direction = .*: must be two finite numbers .* not both zero"):
+                call((0.1, 0.2), direction=direction)
     with pytest.raises(ValueError, match="moves along a curve"):
         NX(NXDesign.from_two_x(MURALIDHARAN2022, 1)).cartesian_stiffness((0.1,), (10.0, 10.0))

@@ -9,6 +9,7 @@ pytest.importorskip("mujoco", reason='MuJoCo is not installed: pip install "tens
 
 from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, NXDesign
 from tensegrity_envs.simulation.mujoco import MujocoModel
+from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 
 EQUAL = NXDesign.from_two_x(replace(MURALIDHARAN2022, joint_limit=2.6), 3)
 UNEQUAL = replace(
@@ -63,20 +64,25 @@ def test_energies_and_settled_equilibria(name):
 @pytest.mark.parametrize("routing", ["per_joint", "from_base"])
 @pytest.mark.parametrize("joints", range(1, 7))
 def test_arms_of_any_number_of_joints_settle_where_they_should(joints, routing):
-    """Twenty stable postures under their stiffest tensions, released from beside them."""
+    """Ten stable postures under their stiffest tensions, released from beside them.
+
+    MuJoCo's loops give way by 3e-6 m at its usual time step, a sixteenth of that at a quarter of it; soft postures of
+    long arms, where that is more than 1e-4 rad, are looked at with the latter.
+    """
     arm, rng = NX(chain(joints, routing)), np.random.default_rng(joints)
-    model, settled, largest = MujocoModel(arm), 0, 0.0
+    step = 1e-3 if joints < 5 else 2.5e-4
+    model, settled, largest = MujocoModel(arm, Dynamics(timestep=step)), 0, 0.0
     for _ in range(2000):
         q = tuple(rng.uniform(-0.8, 0.8, joints).tolist())
         tensions, stability, wrench = arm.posture(q)
         if wrench < 0.01 or stability < 0.02:
             continue
-        found = model.settle(tensions, np.array(q) + rng.uniform(-0.02, 0.02, joints), (0.0, 0.0))
+        found = model.settle(tensions, np.array(q) + rng.uniform(-0.02, 0.02, joints), (0.0, 0.0), max_steps=200_000)
         assert found.reason == "at rest"
         largest = max(largest, np.abs(np.subtract(found.configuration, q)).max())
         settled += 1
-        if settled == 20:
+        if settled == 10:
             break
     print(f"{joints} joints, {routing}: {settled} postures, largest distance {largest:.2g} rad")
-    assert settled == 20
+    assert settled == 10
     assert largest < 1e-4

@@ -17,6 +17,7 @@ from tensegrity_envs.core import Sampled
 from tensegrity_envs.environments.n_x import NXReach
 from tensegrity_envs.environments.two_x import TwoXReach
 from tensegrity_envs.environments.two_x.sampling import Drawn
+from tensegrity_envs.mechanics.stiffness import scaled_direction
 from tensegrity_envs.mechanics.x_arms import XArm
 from tensegrity_envs.observation import Divided, Field
 from tensegrity_envs.options import QUASI_STATIC, Options
@@ -69,7 +70,7 @@ class StiffnessGoals(TwoXReach):
             raise ValueError(f"control = {control!r}: must be 'tension': the cables make the tip as stiff as asked")
         if options.get("payload_range") is not None:
             raise ValueError("payload_range: not with a commanded stiffness, which is that of the nominal arm")
-        self.direction = None if direction is None else _scaled(direction)
+        self.direction = None if direction is None else scaled_direction(direction)
         self.stiffness_tolerance = float(stiffness_tolerance)
         self.log_tolerance = math.log1p(stiffness_tolerance)
         super().__init__(**options)
@@ -225,25 +226,3 @@ class NXStiffnessReach(StiffnessGoals, NXReach):
         ValueError: an argument is out of range; the message names it.
         TypeError: `design` is not a design.
     """
-
-
-def _scaled(direction: Sequence[float]) -> tuple[float, float]:
-    """The direction with its greatest number from 1 to 2: its square neither overflows nor vanishes.
-
-    A power of two scales it, so that no digit of the stiffness changes.
-
-    Raises:
-        ValueError: it is not two finite numbers, or both are zero.
-    """
-    try:
-        x, y = (float(value) for value in (() if isinstance(direction, str) else direction))
-    except (TypeError, ValueError, OverflowError):
-        x = y = math.nan
-    greatest = max(abs(x), abs(y))
-    if not (math.isfinite(x) and math.isfinite(y) and greatest > 0):
-        raise ValueError(
-            f"direction = {direction!r}: must be two finite numbers (x, y) that are not both zero, such as (0.0, 1.0), "
-            "or None for the direction in which the tip gives way most"
-        )
-    exponent = 1 - math.frexp(greatest)[1]
-    return math.ldexp(x, exponent), math.ldexp(y, exponent)

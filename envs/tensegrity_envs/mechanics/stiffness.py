@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
+from tensegrity_envs.compiler.namespace import Component, Components, detached, is_symbol, namespace_of
 from tensegrity_envs.mechanics.checks import check_finite
 from tensegrity_envs.mechanics.equilibrium import solve_symmetric
 
@@ -85,7 +85,11 @@ class TipStiffness:
             load: (fx, fy) [N].
             direction: (x, y) of any length but zero, of the force and of the displacement that counts; the direction in
                 which the tip gives way most by default.
+
+        Raises:
+            ValueError: the direction is not finite, or zero.
         """
+        direction = None if direction is None else scaled_direction(direction)
         (xx, xy), (_, yy) = self.tip_compliance(q, tensions, load)
         xp = namespace_of(xx, xy, yy)
         if direction is None:
@@ -108,7 +112,12 @@ class TipStiffness:
         load: Sequence[Component] = _NO_LOAD,
         direction: Sequence[Component] | None = None,
     ) -> StiffnessRange:
-        """The least and the greatest `stiffness` [N/m] that tensions within their bounds give in equilibrium at q."""
+        """The least and the greatest `stiffness` [N/m] that tensions within their bounds give in equilibrium at q.
+
+        Raises:
+            ValueError: the direction is not finite, or zero.
+        """
+        direction = None if direction is None else scaled_direction(direction)
         soft, stiff = self._softest_and_stiffest(q, load, direction)
         _, stability, wrench = self.posture(q, load)
         xp = namespace_of(stability, wrench)
@@ -135,10 +144,7 @@ class TipStiffness:
         check_finite("q", q, len(q))
         check_finite("stiffness", (stiffness,), 1)
         check_finite("load", load, 2)
-        if direction is not None:
-            check_finite("direction", direction, 2)
-            if not np.all(np.hypot(*direction) > 0):
-                raise ValueError(f"direction = {direction!r}: must not be zero")
+        direction = None if direction is None else scaled_direction(direction)
         least, greatest = (np.asarray(end) for end in self.stiffness_range(q, load, direction))
         wanted = np.asarray(stiffness, float)
         if np.any(greatest <= 0):
@@ -160,6 +166,36 @@ class TipStiffness:
             below = np.asarray(value) < wanted
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         return at(high if shape else float(high))
+
+
+def scaled_direction(direction: Sequence[Component]) -> tuple[Component, Component]:
+    """The direction with its greatest number from 1 to 2: its square neither overflows nor vanishes.
+
+    A power of two scales it, so that no digit of the stiffness changes. Tensors keep their size. Traceable.
+
+    Args:
+        direction: (x, y), numbers or arrays.
+
+    Raises:
+        ValueError: it is not two finite numbers, or both are zero.
+    """
+    if not isinstance(direction, str) and np.ndim(direction) and is_symbol(*direction):
+        return direction[0], direction[1]
+    try:
+        x, y = (np.asarray(detached(value), float) for value in (() if isinstance(direction, str) else direction))
+    except (TypeError, ValueError, OverflowError):
+        x = y = np.asarray(np.nan)
+    greatest = np.maximum(abs(x), abs(y))
+    if not (np.isfinite(greatest).all() and (greatest > 0).all()):
+        raise ValueError(
+            f"direction = {direction!r}: must be two finite numbers (x, y) that are not both zero, such as (0.0, 1.0), "
+            "or None for the direction in which the tip gives way most"
+        )
+    if not all(isinstance(value, int | float | np.generic | np.ndarray) for value in direction):
+        return direction[0], direction[1]
+    exponent = 1 - np.frexp(greatest)[1]
+    along = np.ldexp(x, exponent), np.ldexp(y, exponent)
+    return along if greatest.ndim else (float(along[0]), float(along[1]))
 
 
 def _dot(first: Components, second: Components) -> Component:

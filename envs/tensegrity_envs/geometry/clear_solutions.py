@@ -1,0 +1,154 @@
+"""Inverse solutions that keep clear of obstacles, and the best ones where there is a continuum. Derived here.
+
+Of arms whose solutions are finitely many, all are found and those that touch something left out. Of redundant ones
+points of the self-motion move downhill, as for the redundancy without obstacles (`mechanics.n_x.redundancy`,
+`mechanics.dual_triangle.local_optima`); what is not clear counts as worse than everything, so that they stop where an
+obstacle begins, as they do at joint limits. Each connected component of the clear part of a self-motion that a start
+is in has its optimum in the list; components narrower than the starts are dense can be missed.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.geometry.clearance import Obstacle, clearance
+from tensegrity_envs.mechanics.checks import check_finite, check_single
+from tensegrity_envs.mechanics.dual_triangle import DualTriangle
+from tensegrity_envs.mechanics.dual_triangle.local_optima import grouped, slide
+from tensegrity_envs.mechanics.dual_triangle.local_optima import starts as triangle_starts
+from tensegrity_envs.mechanics.n_x import NX
+from tensegrity_envs.mechanics.n_x.postures import postures_at
+from tensegrity_envs.mechanics.n_x.redundancy import Measure, measure_of, walk
+from tensegrity_envs.mechanics.two_x import TwoX
+
+Objective = Literal["clearance", "sum", "max", "squares", "margin"]
+CLEARED = (TwoX, NX, DualTriangle)
+_OBJECTIVES = ("clearance", "sum", "max", "squares", "margin")
+_LARGER_IS_BETTER = ("clearance", "margin")
+_STARTS = 200
+_SAME = {3: 1e-4}  # [rad]: of as many joints; of more, slides end as near to one another as this:
+_NEARLY = 0.05
+
+
+class ClearSolution(NamedTuple):
+    """A configuration with the tip at the target, clear of the obstacles.
+
+    Attributes:
+        configuration: the joint angles [rad].
+        clearance: least signed clearance of any bar [m].
+        objective: its value [m for "clearance"; rad; rad^2 for "squares"; - for "margin"].
+    """
+
+    configuration: tuple[float, ...]
+    clearance: float
+    objective: float
+
+
+def clear_solutions(
+    mechanism: Any,
+    x: float,
+    y: float,
+    obstacles: Sequence[Obstacle],
+    objective: Objective = "clearance",
+    start: Sequence[float] | None = None,
+    least: float = 0.0,
+    load: Sequence[float] = (0.0, 0.0),
+) -> list[ClearSolution]:
+    """Configurations within the joint limits with the tip at (x, y) [m] and no bar in an obstacle, the best first.
+
+    Of two joints all of them; of three the local optima of the objective along the self-motion curves; of more, where
+    200 starts slide to (to about 1e-4 rad).
+
+    Args:
+        mechanism: a `TwoX`, an `NX` or a `DualTriangle` of two joints or more, of one design.
+        x: target [m].
+        y: target [m].
+        obstacles: one or more.
+        objective: "clearance" or "margin" (the smaller one of stability and wrench margin), to be large; "sum", "max"
+            or "squares" of the displacements from `start`, to be small.
+        start: joint angles [rad]; zero by default.
+        least: clearance that solutions exceed [m].
+        load: (fx, fy) [N], for "margin".
+
+    Returns:
+        The solutions, none where none was found.
+
+    Raises:
+        TypeError: the mechanism is none of these.
+        ValueError: a number is not finite, the objective is unknown, there are no obstacles, or the mechanism has one
+            joint or is a batch of designs.
+    """
+    joints = _joints(mechanism)
+    check_single(mechanism._probe, "clear_solutions")
+    begin = (0.0,) * joints if start is None else start
+    for name, numbers, count in (("target", (x, y), 2), ("start", begin, joints), ("least", (least,), 1)):
+        check_finite(name, numbers, count)
+    check_finite("load", load, 2)
+    if objective not in _OBJECTIVES:
+        raise ValueError(f"objective = {objective!r}: must be one of {', '.join(_OBJECTIVES)}")
+
+    def gap(q: np.ndarray) -> np.ndarray:
+        return np.asarray(clearance(mechanism, tuple(q), obstacles))
+
+    measure = _measure(mechanism, objective, np.array(begin, float)[:, None], load, gap, least)
+    place = np.array([float(x)]), np.array([float(y)])
+    owner, q = _postures(mechanism, *place)
+    if not len(owner):
+        gap(np.zeros((joints, 1)))  # says what is wrong with the obstacles
+        return []
+    if joints > 2:
+        limit = min(float(mechanism.design.joint_limit), np.pi - 1e-9)
+        q = q[:, np.isfinite(measure(q, owner))]
+        move = walk if joints == 3 else slide
+        q, _ = move(mechanism, q, np.zeros(q.shape[1], int), *place, measure, limit)
+    gaps, value = gap(q), measure(q, np.zeros(q.shape[1], int))
+    index = np.flatnonzero((gaps > least) & np.isfinite(value))
+    if joints > 2:
+        apart = _SAME.get(joints, _NEARLY)
+        index = index[grouped(np.zeros(len(index), int), q[:, index], value[index], apart)]
+    else:
+        index = index[np.argsort(value[index], kind="stable")]
+    sign = -1.0 if objective in _LARGER_IS_BETTER else 1.0
+    return [ClearSolution(tuple(q[:, i].tolist()), float(gaps[i]), sign * float(value[i])) for i in index]
+
+
+def _joints(mechanism: Any) -> int:
+    """The number of joints.
+
+    Raises:
+        TypeError: the mechanism is none that there are solutions for.
+        ValueError: it has one joint.
+    """
+    if not isinstance(mechanism, CLEARED):
+        names = ", ".join(kind.__name__ for kind in CLEARED)
+        raise TypeError(f"clear_solutions: {type(mechanism).__name__}: must be one of {names}")
+    joints = int(mechanism.degrees_of_freedom)
+    if joints < 2:
+        raise ValueError("clear_solutions: for two joints or more, not for 1: its tip moves along a curve")
+    return joints
+
+
+def _postures(mechanism: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Configurations (n, k) within the limits with the tip at the target, and a zero for each."""
+    if isinstance(mechanism, DualTriangle):
+        return triangle_starts(mechanism, x, y, float(mechanism.design.joint_limit), _STARTS)
+    if isinstance(mechanism, NX):
+        return postures_at(mechanism, x, y, _STARTS)
+    q = np.array([one.configuration for one in mechanism.inverse_kinematics(float(x[0]), float(y[0]))]).reshape(-1, 2).T
+    return np.zeros(q.shape[1], int), q
+
+
+def _measure(
+    mechanism: Any, objective: str, start: np.ndarray, load: Sequence[Component], gap: Any, least: float
+) -> Measure:
+    """What is minimized; infinite where a configuration is not clear, but for the clearance itself."""
+    if objective == "clearance":
+        return lambda q, owner: -gap(q)
+    free = measure_of(mechanism, objective, start, load)
+
+    def measure(q: np.ndarray, owner: np.ndarray) -> np.ndarray:
+        return np.where(gap(q) > least, free(q, owner), np.inf)
+
+    return measure
