@@ -213,6 +213,13 @@ def _document(core: type, texts: Mapping[str, str]) -> None:
     core.__doc__ = head + (args or "\n\nArgs:\n") + "\n".join([*([own] if own else []), *entries]) + raises + rest
 
 
+def _made_of(core: type) -> list[type]:
+    """The classes for the same mechanism that are made of a core, directly or not, and of which no others are made."""
+    children: list[type] = core.__subclasses__()
+    found = [one for child in children for one in (_made_of(child) if child.__subclasses__() else [child])]
+    return [one for one in found if getattr(one, "published", None) is getattr(core, "published", None)]
+
+
 def check_names(core: type, names: Iterable[str], known: Iterable[str] | None = None) -> None:
     """Refuse options that a core does not have.
 
@@ -228,7 +235,9 @@ def check_names(core: type, names: Iterable[str], known: Iterable[str] | None = 
     for name in names:
         if name not in known:
             close = get_close_matches(name, known, 1)
+            others = [kind.__name__ for kind in _made_of(core) if name in inspect.signature(kind).parameters]
             hint = f" (did you mean {close[0]!r}?)" if close else ""
+            hint += f" (it is an option of arm={' or arm='.join(map(repr, others))})" if others else ""
             # Python's own words for it: clients such as TorchRL try arguments, and look for these in the message.
             raise TypeError(
                 f"{core.__name__} got an unexpected keyword argument {name!r}{hint}; there are {', '.join(known)}"

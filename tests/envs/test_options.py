@@ -32,6 +32,20 @@ def test_a_misspelt_option_is_told_with_what_there_is(core):
             make(tolerence=0.1)
 
 
+@pytest.mark.parametrize(
+    ("core", "name", "others"),
+    [
+        (TwoXReach, "obstacles", "arm='TwoXObstacleReach'"),
+        (NXReach, "obstacles", "arm='NXObstacleReach'"),
+        (ARMS["DualTriangleReach"], "obstacles", "arm='DualTriangleObstacleReach'"),
+        (NXReach, "direction", "arm='NXStiffnessReach'"),
+    ],
+)
+def test_who_has_an_option_is_told(core, name, others):
+    with pytest.raises(TypeError, match=rf"unexpected keyword argument '{name}' \(it is an option of {others}\)"):
+        core_of(core, {name: 1})
+
+
 def test_every_shared_option_is_described_once():
     assert tuple(described(Options)) == OPTION_NAMES == tuple(field.name for field in dataclasses.fields(Options))
 
