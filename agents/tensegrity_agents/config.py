@@ -130,6 +130,12 @@ class TrainConfig(_Strict):
         description="of uncertainty while training, such as [0, 1, 2, 3]: an equal share of the environments is at "
         "each, which the agent is not told; by default that of the environment",
     )
+    repeat_failed: float = Field(
+        0.0,
+        ge=0,
+        lt=1,
+        description="probability that an episode that ended without success is begun again; on-policy algorithms only",
+    )
     teacher: TeacherSettings | None = Field(
         None, description="shows the agent what to do before PPO begins; see sb3.teacher_student"
     )
@@ -151,6 +157,12 @@ class TrainConfig(_Strict):
     def _takes_goals(self) -> "TrainConfig":
         if self.algorithm == "crossq" and self.off_policy.her:
             raise ValueError("off_policy: crossq sees observations as one vector, without goals to change: her: false")
+        return self
+
+    @model_validator(mode="after")
+    def _repeats(self) -> "TrainConfig":
+        if self.repeat_failed and not self.is_on_policy:
+            raise ValueError(f"repeat_failed: needs algorithm: ppo or recurrent_ppo, not {self.algorithm}")
         return self
 
 

@@ -54,6 +54,11 @@ class EpisodeQueue:
         self._episodes = np.empty((n * ahead, core.episodes.size))
         self._outcomes = np.empty((n * ahead, core.outcomes.size))
 
+    @property
+    def numbers(self) -> np.ndarray:
+        """Of the episodes that were begun last, shape (n,)."""
+        return np.asarray(self._next - self._left - 1)
+
     def restart(self, index: int, seed: int | None = None, episode: int = 0) -> None:
         """Let environment `index` go on with the given episode, of a new seed if there is one."""
         if seed is not None:

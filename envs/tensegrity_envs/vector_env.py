@@ -126,6 +126,13 @@ class ManipulatorVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarr
         return self.core.episodes.unpack(self._running().copy())
 
     @property
+    def episode_numbers(self) -> np.ndarray:
+        """Numbers of the running episodes among those of their seeds, counted from 0, shape (num_envs,)."""
+        self._running()
+        assert self._queue is not None
+        return self._queue.numbers
+
+    @property
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
         """Copies of the matrices of the present episodes and of the latest outcomes (privileged); see `Core`."""
         return self._running().copy(), self._outcomes.copy()

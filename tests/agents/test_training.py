@@ -86,6 +86,33 @@ def test_adapter_hands_on_what_ppo_needs():
         VectorEnvAdapter(gym.make_vec("CartPole-v1", 2, vectorization_mode="sync"))
 
 
+def test_failed_episodes_are_begun_again():
+    """The same episode, in about the given share of cases; what succeeded is followed by the next one."""
+    envs = VectorEnvAdapter.make("tensegrity/TwoXPostureChange-v0", 64, repeat_failed=0.75, max_episode_steps=40)
+    planner = make_controller("planner", "tensegrity/TwoXPostureChange-v0")
+    envs.seed(3)
+    seen, state, start = envs.reset(), None, np.ones(64, bool)
+    half = np.arange(64) < 32  # which the planner drives
+    again = {True: [], False: []}
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        before, goals = envs.shell.episode_numbers, seen["desired_goal"].copy()
+        planned, state = planner.predict(seen, state, start, True)
+        actions = np.where(half[:, None], planned, rng.uniform(-1, 1, planned.shape)).astype(np.float32)
+        seen, _, start, infos = envs.step(actions)
+        after = envs.shell.episode_numbers
+        np.testing.assert_array_equal(after[~start], before[~start])
+        for i in np.flatnonzero(start):
+            repeated = after[i] == before[i]
+            assert repeated or after[i] == before[i] + 1
+            assert np.array_equal(seen["desired_goal"][i], goals[i]) == repeated
+            again[bool(infos[i]["is_success"])].append(repeated)
+    assert len(again[True]) > 20
+    assert not any(again[True])
+    assert len(again[False]) > 200
+    assert 0.65 < np.mean(again[False]) < 0.85
+
+
 def test_a_policy_survives_its_file(trained):
     policy, folder = trained
     loaded = load_policy(folder, REACH)
@@ -206,6 +233,7 @@ VARIANTS = {
         | {
             "segment_timesteps": 500_000,
             "history": 2,
+            "repeat_failed": 0.5,
             "teacher": {"timesteps": 3072, "n_steps": 8, "gradient_steps": 4, "batch_size": 64, "buffer_size": 2000},
             "ppo": SMALL["train"]["ppo"] | {"log_std_end": -1.5, "value_rollouts": 1},
         },
@@ -508,6 +536,7 @@ def test_a_controller_of_ones_own(tmp_path, monkeypatch):
         ("env: TwoXReach-v0\ntrain: {total_timesteps: lots}", "train.total_timesteps"),
         ("env: TwoXReach-v0\ntrain: {total_timesteps: 5, ppo: {gama: 0.9}}", "'gamma'"),
         ("env: TwoXReach-v0\ntrain: {total_timesteps: 5, ppo: {gamma: .nan}}", "gamma"),
+        ("env: TwoXReach-v0\ntrain: {total_timesteps: 5, algorithm: sac, repeat_failed: 0.5}", "repeat_failed: needs"),
         ("env: TwoXReach-v0\nseeds: [0, 0]\ntrain: {total_timesteps: 5}", "seeds"),
         ("env: TwoXReach-v0\ncontrollers: [ik]\ntrain: {total_timesteps: 5}", "closed_form_ik"),
         ("env: TwoXReach-v0\ntrain: {total_timesteps: 5, env_options: {reward: 1}}", "reward"),

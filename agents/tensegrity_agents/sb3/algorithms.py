@@ -43,10 +43,11 @@ def make_environment(experiment: Experiment) -> VecNormalize:
 def _plain(experiment: Experiment, options: dict[str, Any]) -> VecEnv:
     """The environments themselves."""
     settings = experiment.train
+    own: dict[str, Any] = {"stagger": True, "repeat_failed": settings.repeat_failed}
     if settings.levels is not None:
-        return LevelsVecEnv.make(experiment.env, settings.ppo.num_envs, settings.levels, stagger=True, **options)
+        return LevelsVecEnv.make(experiment.env, settings.ppo.num_envs, settings.levels, **own, **options)
     if settings.is_on_policy:
-        return VectorEnvAdapter.make(experiment.env, settings.ppo.num_envs, stagger=True, **options)
+        return VectorEnvAdapter.make(experiment.env, settings.ppo.num_envs, **own, **options)
     off = settings.off_policy
     if off.num_envs > 1:
         return VectorEnvAdapter.make(experiment.env, off.num_envs, full_info=off.her, **options)

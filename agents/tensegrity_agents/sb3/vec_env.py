@@ -23,12 +23,20 @@ class VectorEnvAdapter(VecEnv):
         envs: the vector environment.
         stagger: spread the time limits of the first episodes evenly (see the environment's `reset`).
         full_info: hand on `info` at every step.
+        repeat_failed: with this probability, an episode that ended without success is begun again, not the next one.
+            What is hard and rare, such as a start beside a joint limit, is then seen more often.
 
     Raises:
         ValueError: the environment does not reset in the same step.
     """
 
-    def __init__(self, envs: VectorEnv[Any, Any, Any], stagger: bool = False, full_info: bool = False) -> None:
+    def __init__(
+        self,
+        envs: VectorEnv[Any, Any, Any],
+        stagger: bool = False,
+        full_info: bool = False,
+        repeat_failed: float = 0.0,
+    ) -> None:
         mode = envs.metadata.get("autoreset_mode")
         if mode not in (AutoresetMode.SAME_STEP, AutoresetMode.SAME_STEP.value):
             raise ValueError(
@@ -37,13 +45,19 @@ class VectorEnvAdapter(VecEnv):
             )
         self.envs = envs
         self.shell: Any = envs.unwrapped  # the native vector environment
-        self._stagger, self._full_info = stagger, full_info
+        self._stagger, self._full_info, self._repeat_failed = stagger, full_info, repeat_failed
         self._actions: np.ndarray
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
     @classmethod
     def make(
-        cls, env_id: str, num_envs: int, stagger: bool = False, full_info: bool = False, **options: Any
+        cls,
+        env_id: str,
+        num_envs: int,
+        stagger: bool = False,
+        full_info: bool = False,
+        repeat_failed: float = 0.0,
+        **options: Any,
     ) -> "VectorEnvAdapter":
         """Make the native vector of an id, in the right autoreset mode, and adapt it.
 
@@ -52,12 +66,13 @@ class VectorEnvAdapter(VecEnv):
             num_envs: number of environments.
             stagger: see the class.
             full_info: see the class.
+            repeat_failed: see the class.
             **options: of `gym.make_vec`.
         """
         envs = gym.make_vec(
             env_id, num_envs, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **options
         )
-        return cls(envs, stagger, full_info)
+        return cls(envs, stagger, full_info, repeat_failed)
 
     def reset(self) -> VecEnvObs:
         """Begin new episodes everywhere, with the seeds given to `seed` if there were any."""
@@ -76,6 +91,7 @@ class VectorEnvAdapter(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """Take the step."""
+        numbers = self.shell.episode_numbers if self._repeat_failed else None
         observation, reward, terminated, truncated, info = self.envs.step(self._actions)
         done = terminated | truncated
         infos = _each(info, range(self.num_envs)) if self._full_info else [{} for _ in range(self.num_envs)]
@@ -85,7 +101,20 @@ class VectorEnvAdapter(VecEnv):
                 infos[i] = last
                 infos[i]["terminal_observation"] = info["final_obs"][i]
                 infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
+            if numbers is not None:
+                failed = ended[[not infos[i]["is_success"] for i in ended]]
+                again = failed[np.random.random(len(failed)) < self._repeat_failed]  # noqa: NPY002
+                if len(again):
+                    observation = self._begun_again(again, numbers)
         return observation, reward.astype(np.float32), done, infos
+
+    def _begun_again(self, index: np.ndarray, numbers: np.ndarray) -> dict[str, np.ndarray]:
+        """Begin the episodes with these numbers in the environments at `index`; the observations of all."""
+        chosen = np.isin(np.arange(self.num_envs), index)
+        episode = [int(number) if is_chosen else None for number, is_chosen in zip(numbers, chosen, strict=True)]
+        observation: dict[str, np.ndarray]
+        observation, _ = self.envs.reset(options={"reset_mask": chosen, "episode": episode})
+        return observation
 
     def close(self) -> None:
         """Close the environments."""
