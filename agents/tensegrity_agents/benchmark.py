@@ -118,7 +118,7 @@ def vector(count: int = 1024, blocks: int = 10, progress: Callable[[str], None] 
     """Vector environments of `count`, uniform random actions, 31 steps in a block: resets and synchronized time limits
     included.
 
-    Each is measured in turns with Reacher-v5, block by block, since a machine that others use, too, is not always as
+    Each is measured interleaved with Reacher-v5, block by block, since a machine that others use, too, is not always as
     fast. Reacher's ten blocks of five steps are an episode.
     """
     rivals = gym.make_vec(REFERENCE, count, vectorization_mode="sync")

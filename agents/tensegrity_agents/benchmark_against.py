@@ -1,6 +1,6 @@
 """Speeds of this build against those of another checkout, interleaved in one run, in CPU seconds.
 
-Each build runs in a process of its own, which takes blocks of steps in turns with the other's: what else the machine
+Each build runs in a process of its own, which takes blocks of steps interleaved with the other's: what else the machine
 does meanwhile slows down both. Seeds and actions are the same, time limits are staggered, episodes are begun anew in
 the step in which they end, info is full.
 """

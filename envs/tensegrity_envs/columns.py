@@ -127,7 +127,7 @@ def see_some(first: Integers, outcomes: Rows, index: Integers, seen: Table, achi
 
 
 @Compiled
-def tell(
+def info_entries(
     rows: Integers,
     outcomes: Rows,
     steps: Integers,
@@ -170,7 +170,7 @@ def tell(
 
 
 @Compiled
-def tell_some(
+def some_info_entries(
     rows: Integers,
     outcomes: Rows,
     steps: Integers,

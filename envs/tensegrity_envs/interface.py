@@ -350,4 +350,6 @@ class Interface(ABC):
     def finish_step(self, episode: Episode, before: State, motion: Motion) -> Outcome:
         """The outcome of what the engine has simulated: the last part of a dynamic step. Traced."""
         assert isinstance(self.simulation, DynamicControl)
-        return self.outcome(episode, self.simulation.arrive(self.mechanism(episode.design), episode, before, motion))
+        return self.outcome(
+            episode, self.simulation.finish_step(self.mechanism(episode.design), episode, before, motion)
+        )

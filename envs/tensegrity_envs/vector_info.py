@@ -65,12 +65,12 @@ class InfoTable:
         of_floats, of_truths, of_ints = self._shapes
         if index is None:
             floats, truths, ints = np.empty(of_floats), np.empty(of_truths, bool), np.empty(of_ints, np.int64)
-            columns.tell.run(self._rows, outcomes, steps, ahead_of_time, floats, truths, ints)
+            columns.info_entries.run(self._rows, outcomes, steps, ahead_of_time, floats, truths, ints)
             info: dict[str, Any] = self._masks.copy()
         else:
             floats, truths, ints = np.zeros(of_floats), np.zeros(of_truths, bool), np.zeros(of_ints, np.int64)
             mask = np.zeros(of_floats[1], bool)
-            columns.tell_some.run(self._rows, outcomes, steps, ahead_of_time, index, floats, truths, ints, mask)
+            columns.some_info_entries.run(self._rows, outcomes, steps, ahead_of_time, index, floats, truths, ints, mask)
             mask.flags.writeable = False
             info = dict.fromkeys(self._masks, mask)
         info.update(zip(self._names, [*floats[self._scalars], *truths, *ints], strict=True))

@@ -24,7 +24,7 @@ def make_vec(env_id, count):
 
 
 def told(env_id, count):
-    """Observation, info, and the hints alone."""
+    """Observation, info, and the features alone."""
     observation, info = make_vec(env_id, count).reset(seed=3)
     return observation, info, alone(ModelFeatures(env_id)(observation)[0], observation)
 
@@ -34,22 +34,22 @@ def alone(with_hints, observation):
 
 
 def test_the_gap_leads_to_the_target():
-    observation, info, hints = told(REACH, 500)
-    lengths = info["actuator_lengths"] + 20.0 * hints[:, :2]
+    observation, info, features = told(REACH, 500)
+    lengths = info["actuator_lengths"] + 20.0 * features[:, :2]
     _, tip = ARM.rectangle(tuple(lengths.T), info["random_side"])
     off = np.abs(np.stack(tip, 1) - observation["desired_goal"]).max(axis=1)
     there = off < 2e-4
     assert 0.75 < there.mean() < 1  # at once, but for those who must go round where C and D meet
     assert np.hypot(*(lengths[~there] - 10.0).T).max() < 5.1
-    np.testing.assert_allclose(hints[:, 2:4], np.tanh(40.0 * hints[:, :2]), atol=1e-5)
-    np.testing.assert_allclose(hints[:, 4:6], np.tanh(400.0 * hints[:, :2]), atol=1e-3)
-    assert np.abs(hints[:, 10]).max() < 1e-3  # nothing pushes
+    np.testing.assert_allclose(features[:, 2:4], np.tanh(40.0 * features[:, :2]), atol=1e-5)
+    np.testing.assert_allclose(features[:, 4:6], np.tanh(400.0 * features[:, :2]), atol=1e-3)
+    assert np.abs(features[:, 10]).max() < 1e-3  # nothing pushes
 
 
 def test_without_a_solution_the_gap_leads_near_the_target():
     observation, info = make_vec(LOADED, 2000).reset(seed=3)
-    hints = alone(ModelFeatures(REACH, {"observe": "tip_and_inputs"})(observation)[0], observation)
-    lengths = info["actuator_lengths"] + 20.0 * hints[:, :2]
+    features = alone(ModelFeatures(REACH, {"observe": "tip_and_inputs"})(observation)[0], observation)
+    lengths = info["actuator_lengths"] + 20.0 * features[:, :2]
     _, tip = ARM.rectangle(tuple(lengths.T), info["random_side"])
     off = np.hypot(*(np.stack(tip, 1) - observation["desired_goal"]).T)
     _, sides, exists = rectangles(ARM, *observation["desired_goal"].astype(float).T)
@@ -69,10 +69,10 @@ class Follower:
     """Goes where the gap tells."""
 
     def __init__(self, env_id):
-        self.hints = ModelFeatures(env_id)
+        self.features = ModelFeatures(env_id)
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        seen, state = self.hints(observation, state, episode_start)
+        seen, state = self.features(observation, state, episode_start)
         gap = 40.0 * alone(seen, observation)[:, :2]
         return gap / np.maximum(np.abs(gap).max(axis=1, keepdims=True), 1.0), state
 
@@ -88,8 +88,8 @@ def test_the_step_leads_to_a_target_close_by():
     angle = np.random.default_rng(0).uniform(-np.pi, np.pi, 500)
     wanted = 0.01 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     observation["desired_goal"] = observation["achieved_goal"] + wanted
-    hints = alone(ModelFeatures(REACH)(observation)[0], observation)[:, 6:8]
-    lengths = info["actuator_lengths"] + 0.05 * np.arctanh(hints)
+    features = alone(ModelFeatures(REACH)(observation)[0], observation)[:, 6:8]
+    lengths = info["actuator_lengths"] + 0.05 * np.arctanh(features)
     _, tip = ARM.rectangle(tuple(lengths.T), info["random_side"])
     left = np.hypot(*(np.stack(tip, 1) - observation["desired_goal"]).T)
     assert np.median(left) < 0.001  # a tenth of the way; where the Jacobian is nearly singular damping keeps it back
@@ -97,28 +97,28 @@ def test_the_step_leads_to_a_target_close_by():
 
 
 def test_the_force_across_the_bar_is_the_load():
-    _, info, hints = told(LOADED, 500)
-    across, share = hints[:, 8:10], hints[:, 10]
+    _, info, features = told(LOADED, 500)
+    across, share = features[:, 8:10], features[:, 10]
     force = (across * info["load"]).sum(axis=1) / 1000.0
     np.testing.assert_allclose(share, force, atol=2e-3)
     np.testing.assert_allclose(np.hypot(*across.T), 1.0, atol=1e-5)
 
 
 def test_the_margin_is_the_simulations_without_a_load():
-    _, info, hints = told(REACH, 500)
+    _, info, features = told(REACH, 500)
     q, lengths = tuple(info["configuration"].T), tuple(info["actuator_lengths"].T)
     expected = ARM.stability_margin(q, lengths, (0.0, 0.0))
-    np.testing.assert_allclose(hints[:, 11], expected / (1 + np.abs(expected)), atol=1e-3)
+    np.testing.assert_allclose(features[:, 11], expected / (1 + np.abs(expected)), atol=1e-3)
 
 
 def after_two_postures(count):
-    """Observation, info, hints of the first and of the second posture."""
-    envs, hints = make_vec(LOADED, count), ModelFeatures(LOADED)
+    """Observation, info, features of the first and of the second posture."""
+    envs, features = make_vec(LOADED, count), ModelFeatures(LOADED)
     observation, info = envs.reset(seed=3)
-    first, memory = hints(observation)
+    first, memory = features(observation)
     action = np.tile([0.2, -0.3], (count, 1))
     observation, _, ended, _, info = envs.step(action)
-    second, _ = hints(observation, memory, ended)
+    second, _ = features(observation, memory, ended)
     return observation, info, alone(first, observation), alone(second, observation), ended
 
 
@@ -152,8 +152,8 @@ def test_the_gap_under_a_force_leads_to_a_stable_equilibrium_with_the_tip_on_the
 
 @pytest.mark.parametrize("env_id", [REACH, LOADED])
 def test_single_observations_terminal_ones_and_batches_agree(env_id):
-    hints = ModelFeatures(env_id)
-    envs = AugmentedVecEnv(VectorEnvAdapter(make_vec(env_id, 8)), hints)
+    features = ModelFeatures(env_id)
+    envs = AugmentedVecEnv(VectorEnvAdapter(make_vec(env_id, 8)), features)
     envs.seed(0)
     observation = envs.reset()
     assert observation["observation"].shape == (8, envs.observation_space["observation"].shape[0])
@@ -173,7 +173,7 @@ def test_single_observations_terminal_ones_and_batches_agree(env_id):
         env, memory = gym.make(env_id), None
         plain, _ = env.reset(seed=i)
         for step in range(ends[i] + 1):
-            told, memory = hints(plain, memory, np.array([step == 0]))
+            told, memory = features(plain, memory, np.array([step == 0]))
             np.testing.assert_allclose(told["observation"], seen[step][i], atol=1e-6)
             plain, *_ = env.step(actions[min(step, 109), i]) if step < ends[i] else (plain,)
 

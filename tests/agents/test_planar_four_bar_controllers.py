@@ -6,8 +6,8 @@ import pytest
 
 from baseline_runs import success_of
 from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.controllers.planar_four_bar.measurements import configuration, force_across
 from tensegrity_agents.controllers.planar_four_bar.planning import ends, trips, waypoints
-from tensegrity_agents.controllers.planar_four_bar.reading import configuration, force_across
 from tensegrity_envs.mechanics import PlanarFourBar
 from tensegrity_envs.seeding import VALIDATION_SEED
 

@@ -7,22 +7,22 @@ import pytest
 from baseline_runs import of_group, run_of, success_of
 from tensegrity_agents.controllers import baselines_of, make_controller
 from tensegrity_agents.controllers.spatial_prism.identification import identify
-from tensegrity_agents.controllers.spatial_prism.reading import read
+from tensegrity_agents.controllers.spatial_prism.measurements import decoded
 from tensegrity_envs.mechanics import SpatialPrism, SpatialPrismDesign
 
 TRACK, PAYLOAD = (f"tensegrity/SpatialPrism{name}-v0" for name in ("Track", "PayloadTrack"))
 
 
 @pytest.mark.parametrize("env_id", [TRACK, PAYLOAD])
-def test_a_reading_undoes_the_normalization(env_id):
+def test_decoding_undoes_the_normalization(env_id):
     envs = gym.make_vec(env_id, 20, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     envs.reset(seed=0)
     for _ in range(40):
         observation, *_, info = envs.step(np.full((20, 3), 0.05))
-    reading = read(observation, envs.unwrapped.core)
-    np.testing.assert_allclose(reading.lengths, info["lengths"], atol=1e-7)
-    np.testing.assert_allclose(reading.tip, info["configuration"][:, :3], atol=1e-7)
-    np.testing.assert_allclose(reading.next_goal.T, envs.unwrapped.episode.goal_at(41.0), atol=1e-6)
+    measured = decoded(observation, envs.unwrapped.core)
+    np.testing.assert_allclose(measured.lengths, info["lengths"], atol=1e-7)
+    np.testing.assert_allclose(measured.tip, info["configuration"][:, :3], atol=1e-7)
+    np.testing.assert_allclose(measured.next_goal.T, envs.unwrapped.episode.goal_at(41.0), atol=1e-6)
 
 
 @pytest.mark.parametrize("design", [SpatialPrismDesign(0.2, 0.5, 100.0), SpatialPrismDesign(0.37, 0.93, 310.0)])

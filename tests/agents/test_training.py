@@ -487,7 +487,7 @@ def test_every_baseline_runs_on_every_environment(env_id, name):
 
 
 def test_the_observer_finds_the_payload():
-    from tensegrity_agents.controllers.two_x.reading import estimate_payload
+    from tensegrity_agents.controllers.two_x.measurements import estimate_payload
     from tensegrity_envs.mechanics import TwoX
 
     envs = gym.make_vec(

@@ -112,7 +112,7 @@ def test_slack_cables_beyond_their_limit_end_the_episode():
     for sign, inputs in ((1, high), (-1, low)):
         q = (sign * 1.2,) * 3  # the inputs free the very cables that the posture shortens
         before = State(q, (-inputs,) * 3, core.nominal.tip(q), 0.0, 0.0, 0, 1.0)
-        state = control.arrive(
+        state = control.finish_step(
             core.nominal, Episode(design, (0.0, 0.0), (), (0.1, 0.0)), before, Motion(q, q, (), 0.0, 0.0)
         )
         free = core.nominal.free_lengths(before.inputs)

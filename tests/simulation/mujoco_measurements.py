@@ -47,13 +47,13 @@ def feasible(mechanism, count, seed):
     return found
 
 
-def settle(name, count):
+def relax(name, count):
     """Errors [rad] and loop errors [m] of settled equilibria, from 0.1 rad beside."""
     model = MujocoModel(MECHANISMS[name])
     rng = np.random.default_rng(1)
     errors, loops = [], []
     for u, load, q in feasible(model.mechanism, count, 0):
-        settled = model.settle(u, q + rng.uniform(-0.1, 0.1, len(q)), load)
+        settled = model.relax(u, q + rng.uniform(-0.1, 0.1, len(q)), load)
         assert settled.reason == "at rest", settled
         errors.append(abs(settled.configuration - q).max())
         loops.append(settled.loop_error)
@@ -98,7 +98,7 @@ def frequencies(name, periods=4):
     """Frequencies [Hz] of small oscillations, from Hessian and mass matrix and as simulated."""
     model = MujocoModel(MECHANISMS[name], Dynamics(joint_damping=0.0, integrator="RK4"))
     u, load, start = feasible(model.mechanism, 1, 3)[0]
-    q = model.settle(u, start, load).configuration
+    q = model.relax(u, start, load).configuration
     mass = model.mass_matrix(q)
     squares, modes = eigh(np.array(model.mechanism.stiffness_matrix(tuple(q), u, load)), mass)
     simulated = []
@@ -228,7 +228,7 @@ def speed():
 def main():
     """Print what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    what = ("settle", "energies", "drift", "frequencies", "stress", "environments", "speed")
+    what = ("relax", "energies", "drift", "frequencies", "stress", "environments", "speed")
     parser.add_argument("what", choices=what)
     parser.add_argument("--id", help="of the one environment to run, such as SpatialPrismTrackMuJoCo-v0")
     parser.add_argument("--count", type=int, default=200, help="samples, or steps of the stress run")
@@ -250,8 +250,8 @@ def main():
         return
     for name in MECHANISMS:
         start = time.perf_counter()
-        if arguments.what == "settle":
-            errors, loops = settle(name, arguments.count)
+        if arguments.what == "relax":
+            errors, loops = relax(name, arguments.count)
             text = f"median {np.median(errors):.1e}, max {errors.max():.1e} rad; loops {loops.max():.1e} m"
         elif arguments.what == "energies":
             energy, gradient = energies(name, arguments.count)

@@ -11,8 +11,8 @@ from scipy.linalg import eigh
 from tensegrity_envs.environments.planar_four_bar.reach import DYNAMICS as FOUR_BAR_DYNAMICS
 from tensegrity_envs.environments.spatial_prism.track import DYNAMICS as PRISM_DYNAMICS
 from tensegrity_envs.mechanics import PlanarFourBar, SpatialPrism
+from tensegrity_envs.simulation.floating_lengths import FloatingFourBar
 from tensegrity_envs.simulation.mujoco import MujocoModel
-from tensegrity_envs.simulation.skeleton import FourBarSkeleton
 
 FOUR_BAR, PRISM = PlanarFourBar(), SpatialPrism()
 DYNAMICS = {"planar 4-bar": FOUR_BAR_DYNAMICS, "spatial prism": PRISM_DYNAMICS}
@@ -37,7 +37,7 @@ def feasible(name, count, seed, loaded):
             start, _ = FOUR_BAR.rectangle(lengths, rng.choice([-1.0, 1.0]))
             rest = FOUR_BAR.equilibrium(lengths, start, load)
             if rest.is_stable and FOUR_BAR.stability_margin(rest.configuration, lengths, load) > 0.1:
-                u = FourBarSkeleton(FOUR_BAR).coordinates(rest.configuration, lengths)
+                u = FloatingFourBar(FOUR_BAR).coordinates(rest.configuration, lengths)
                 found.append((lengths, load, np.array(u, float)))
         else:
             lengths = PRISM.unloaded_lengths((*rng.uniform(-0.2, 0.2, 2), rng.uniform(0.25, 0.7)))
@@ -48,14 +48,14 @@ def feasible(name, count, seed, loaded):
     return found
 
 
-def settle(name, count, loaded=True):
+def relax(name, count, loaded=True):
     """Distances [m] between the settled tip and that of the analytic equilibrium, from a start beside it."""
     model = model_of(name)
     rng = np.random.default_rng(1)
     errors = []
     for lengths, load, u in feasible(name, count, 0, loaded):
         aside = 0.02 * rng.normal(size=u.shape) * ([0, 0, 1, 1] if name == "planar 4-bar" else [0, 0, 0, 1, 1, 1])
-        settled = model.settle(lengths, u + aside, load)
+        settled = model.relax(lengths, u + aside, load)
         assert settled.reason == "at rest", settled
         tips = model.tip(model.state(np.stack([settled.configuration, u])))
         errors.append(np.linalg.norm(tips[0] - tips[1]))
@@ -64,9 +64,9 @@ def settle(name, count, loaded=True):
 
 def member_energy(model, u, inputs, load):
     """Energy of springs and servos (None: locked) from nodes and members, minus the work of the load [J]."""
-    nodes = {name: np.array(place) for name, place in model.skeleton.nodes(tuple(u)).items()}
+    nodes = {name: np.array(place) for name, place in model.floating_model.nodes(tuple(u)).items()}
     energy, servos = -np.dot(load, nodes["P"]), None if inputs is None else iter(inputs)
-    for member in model.skeleton.members:
+    for member in model.floating_model.members:
         length = np.linalg.norm(nodes[member.nodes[1]] - nodes[member.nodes[0]])
         if member.kind == "spring":
             energy += member.stiffness / 2 * length**2
@@ -109,10 +109,10 @@ def locked(name, lengths, u):
     """
     model = model_of(name)
     if name == "planar 4-bar":
-        rest = np.array(model.skeleton.configuration(tuple(u)))
+        rest = np.array(model.floating_model.configuration(tuple(u)))
 
         def place(w):
-            return np.array(model.skeleton.coordinates(tuple(w), lengths))
+            return np.array(model.floating_model.coordinates(tuple(w), lengths))
 
         m, l = model.dynamics.bar_line_density * FOUR_BAR.length, FOUR_BAR.length
         bar = m * l * l / 3 + m * (0.008 * 2 * l) ** 2 / 4  # solid cylinders turning about one end
@@ -156,7 +156,7 @@ def frequencies(name, lengths, u, periods=5):
         for _ in range(round((periods + 1) * 2 * math.pi / square**0.5 / (2 * step))):
             states = model.rollout(states, lengths, steps=2).states
             here = model.configuration(states)[0]
-            w = np.array(model.skeleton.configuration(tuple(here))) if name == "planar 4-bar" else here[3:]
+            w = np.array(model.floating_model.configuration(tuple(here))) if name == "planar 4-bar" else here[3:]
             way.append(mode @ mass @ (w - rest))
         x = np.array(way)
         up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
@@ -181,7 +181,7 @@ def drift(name, integrator, seconds):
         servos = member_energy(model, at, lengths, none) - member_energy(model, at, None, none)
         return model.energy(state, lengths) - servos
 
-    least = of(model.state(model.settle(lengths, u).configuration, inputs=lengths))
+    least = of(model.state(model.relax(lengths, u).configuration, inputs=lengths))
     states = model.rollout(states, lengths, steps=20).states  # servos have come to rest
     energy = [of(states[0])]
     for _ in range(round(seconds / model.dynamics.timestep)):
@@ -212,13 +212,13 @@ def speed(name):
 def main():
     """Print what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("settle", "energies", "frequencies", "drift", "speed"))
+    parser.add_argument("what", choices=("relax", "energies", "frequencies", "drift", "speed"))
     parser.add_argument("--count", type=int, default=200)
     arguments = parser.parse_args()
     for name in DYNAMICS:
-        if arguments.what == "settle":
+        if arguments.what == "relax":
             for loaded in (False, True):
-                errors = settle(name, arguments.count, loaded)
+                errors = relax(name, arguments.count, loaded)
                 print(
                     f"{name}, {'loads' if loaded else 'no load'}: median {np.median(errors):.1e}, "
                     f"max {errors.max():.1e} m"

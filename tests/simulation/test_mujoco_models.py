@@ -14,7 +14,7 @@ from mujoco_measurements import (
     energies,
     frequencies,
     input_range,
-    settle,
+    relax,
     stress,
 )
 
@@ -44,7 +44,7 @@ def model_of(name):
 @pytest.mark.parametrize(("name", "tolerance"), [("two-x", 1e-4), ("dual-triangle", 1e-9)])
 @pytest.mark.parametrize("count", [60, pytest.param(200, marks=pytest.mark.full)])
 def test_settled_equilibrium_on_random_feasible_inputs(name, tolerance, count):
-    errors, loops = settle(name, count)
+    errors, loops = relax(name, count)
     assert len(errors) == count
     assert errors.max() < tolerance
     assert loops.max() < 1e-5
@@ -52,7 +52,7 @@ def test_settled_equilibrium_on_random_feasible_inputs(name, tolerance, count):
 
 @pytest.mark.parametrize(("name", "tolerance"), [("two-x with payload", 1e-4), ("dual-triangle, cables", 1e-9)])
 def test_settled_equilibrium_of_the_others(name, tolerance):
-    errors, loops = settle(name, 20)
+    errors, loops = relax(name, 20)
     assert errors.max() < tolerance
     assert loops.max() < 1e-5
 
@@ -66,7 +66,7 @@ def test_energy_and_its_gradient_are_the_analytic_ones(name):
 def test_plain_damping_ends_in_the_same_equilibrium(name):
     model = model_of(name)
     u = np.array([100.0, 80.0, 60.0, 70.0]) if name == "two-x" else np.array([0.02, 0.03, 0.03, 0.02, 0.02, 0.025])
-    settled = model.settle(u, np.zeros(model.linkage.size)).configuration
+    settled = model.relax(u, np.zeros(model.linkage.size)).configuration
     damped = MujocoModel(model.mechanism, Dynamics(joint_damping=0.2))
     states = damped.rollout(damped.state(np.zeros((1, model.linkage.size))), u, steps=20_000).states
     np.testing.assert_allclose(damped.configuration(states)[0], settled, rtol=0, atol=1e-6)
@@ -184,7 +184,7 @@ def test_steps_and_rollouts_are_the_same_to_the_bit(threads):
 def test_loads_act_at_the_tip():
     model = model_of("dual-triangle")
     u, load = np.full(6, 0.03), (0.1, 0.2)
-    settled = model.settle(u, np.zeros(3), load).configuration
+    settled = model.relax(u, np.zeros(3), load).configuration
     np.testing.assert_allclose(
         settled, model.mechanism.equilibrium(tuple(u), (0.0,) * 3, load).configuration, atol=1e-9
     )
@@ -224,7 +224,7 @@ def test_divergence_is_told_and_undone(name, tmp_path, monkeypatch, capfd):
     assert np.isfinite(result.states).all()
     start = model.reset(np.zeros(model.linkage.size))
     assert not model.step(u, loads[1])
-    assert model.settle(u, np.zeros(model.linkage.size), loads[1]).reason == "diverged"
+    assert model.relax(u, np.zeros(model.linkage.size), loads[1]).reason == "diverged"
     assert not list(tmp_path.iterdir())  # MuJoCo's log
     assert capfd.readouterr() == ("", "")
     np.testing.assert_array_equal(model.current(), start)
@@ -342,7 +342,7 @@ def test_bad_input():
             model.state(q)
     for inputs in ([50.0] * 3, [50.0, 50.0, 50.0, math.inf], [50.0, 50.0, 50.0, 200.0]):
         with pytest.raises(ValueError, match="inputs"):
-            model.settle(inputs, (0.0, 0.0))
+            model.relax(inputs, (0.0, 0.0))
     with pytest.raises(ValueError, match="load"):
         model.step(good, (0.0, math.nan))
     with pytest.raises(ValueError, match="states"):

@@ -54,7 +54,7 @@ def test_energies_and_settled_equilibria(name):
         inside = max(map(abs, rest.configuration)) < 2.45
         if not (rest.is_stable and inside and arm.stability_margin(rest.configuration, tensions, load) > 0.02):
             continue
-        found = model.settle(tensions, np.array(rest.configuration) + rng.uniform(-0.1, 0.1, 3), load)
+        found = model.relax(tensions, np.array(rest.configuration) + rng.uniform(-0.1, 0.1, 3), load)
         assert found.reason == "at rest"
         assert found.configuration == pytest.approx(rest.configuration, abs=1e-4)
         settled += 1
@@ -77,7 +77,7 @@ def test_arms_of_any_number_of_joints_settle_where_they_should(joints, routing):
         tensions, stability, wrench = arm.posture(q)
         if wrench < 0.01 or stability < 0.02:
             continue
-        found = model.settle(tensions, np.array(q) + rng.uniform(-0.02, 0.02, joints), (0.0, 0.0), max_steps=200_000)
+        found = model.relax(tensions, np.array(q) + rng.uniform(-0.02, 0.02, joints), (0.0, 0.0), max_steps=200_000)
         assert found.reason == "at rest"
         largest = max(largest, np.abs(np.subtract(found.configuration, q)).max())
         settled += 1

@@ -15,13 +15,13 @@ from prismatic_measurements import (
     feasible,
     frequencies,
     model_of,
-    settle,
+    relax,
 )
 from scipy.spatial.transform import Rotation
 
 from tensegrity_envs.mechanics import JAHROMY, JI2014, PlanarFourBar, SpatialPrism
+from tensegrity_envs.simulation.floating_lengths import FloatingFourBar, side_of_diagonals
 from tensegrity_envs.simulation.mujoco import Dynamics, MujocoModel
-from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagonals
 
 every_name = pytest.mark.parametrize("name", DYNAMICS)
 
@@ -29,7 +29,7 @@ every_name = pytest.mark.parametrize("name", DYNAMICS)
 @every_name
 @pytest.mark.parametrize("loaded", [False, True])
 def test_settled_tips_are_within_a_hundredth_of_a_millimetre_of_the_equilibria(name, loaded):
-    errors = settle(name, 100, loaded)
+    errors = relax(name, 100, loaded)
     assert len(errors) == 100
     assert errors.max() < 1e-5
 
@@ -45,7 +45,7 @@ def test_energy_at_fitting_lengths_is_the_analytic_one():
     model, rng = model_of("planar 4-bar"), np.random.default_rng(0)
     for lengths, load, _ in feasible("planar 4-bar", 20, 4, True):
         q = tuple(rng.uniform(-3, 3, 2))
-        u = model.skeleton.coordinates(q, lengths)
+        u = model.floating_model.coordinates(q, lengths)
         expected = FOUR_BAR.potential_energy(q, lengths, load)
         assert model.potential_energy(u, lengths, load) == pytest.approx(expected, abs=1e-6)
         # the servos hold what the mechanism holds by constraints: theta and gamma turn against the bars' turns t and g
@@ -94,16 +94,16 @@ def test_mass_matrix_by_kinetic_energy(name):
 
 def test_states_of_the_four_bar_read_back():
     model, rng = model_of("planar 4-bar"), np.random.default_rng(4)
-    skeleton = FourBarSkeleton(FOUR_BAR)
+    floating_model = FloatingFourBar(FOUR_BAR)
     lengths, q = rng.uniform(0.5, 19.5, (2, 50)), rng.uniform(-math.pi, math.pi, (2, 50))
-    u = np.stack(skeleton.coordinates(tuple(q), tuple(lengths)), axis=1)
+    u = np.stack(floating_model.coordinates(tuple(q), tuple(lengths)), axis=1)
     rate = rng.normal(0.0, 1.0, u.shape)
     states = model.state(u, rate)
     found = model.configuration(states)
     np.testing.assert_allclose(np.angle(np.exp(1j * (found - u))), 0, atol=1e-12)
     np.testing.assert_allclose(model.velocity(states), rate, atol=1e-9)
-    np.testing.assert_allclose(np.stack(skeleton.configuration(tuple(found.T))), q, atol=1e-12)
-    np.testing.assert_allclose(skeleton.base_angles(tuple(u.T)), FOUR_BAR.base_angles(tuple(lengths)), atol=1e-12)
+    np.testing.assert_allclose(np.stack(floating_model.configuration(tuple(found.T))), q, atol=1e-12)
+    np.testing.assert_allclose(floating_model.base_angles(tuple(u.T)), FOUR_BAR.base_angles(tuple(lengths)), atol=1e-12)
     nodes = FOUR_BAR.nodes(tuple(q), tuple(lengths))
     for name, place in nodes.items():
         np.testing.assert_allclose(model.nodes(states)[name], np.broadcast_arrays(*place), atol=1e-11)
@@ -188,7 +188,7 @@ def test_actuators_move_evenly_and_arrive_at_the_end_of_the_step(name):
         np.testing.assert_allclose(after[half:], lengths + (new - lengths) * k / skip, rtol=1e-12)
     later = model.rollout(after[None], new, steps=10 * skip).states[0]
     nodes = model.nodes(later)
-    for member, length in zip((m for m in model.skeleton.members if m.kind == "actuator"), new, strict=True):
+    for member, length in zip((m for m in model.floating_model.members if m.kind == "actuator"), new, strict=True):
         a, b = (np.array(nodes[node]) for node in member.nodes)
         assert np.linalg.norm(a - b) == pytest.approx(length, abs=1e-4)
 

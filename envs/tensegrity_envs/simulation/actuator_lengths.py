@@ -6,9 +6,9 @@ from typing import Any
 from tensegrity_envs.compiler.namespace import Component, Components, namespace_of
 from tensegrity_envs.geometry.obstacle_path import Disc
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
+from tensegrity_envs.simulation.floating_lengths import FloatingFourBar, side_of_diagonals
 from tensegrity_envs.simulation.protocol import BUCKLED, RUNNING, SINGULAR, WRENCH_INFEASIBLE, Episode, State
 from tensegrity_envs.simulation.quasi_static import STEP_SHARE, InputControl, keep_where
-from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagonals
 
 STROKE = (0.01, 0.99)  # actuator lengths, as shares of 2 L: at 2 L an actuator has no moment arm
 LEAST_STIFFNESS = 0.02  # stability margin below which an unloaded rectangle counts as singular
@@ -120,8 +120,8 @@ class RectangleControl(LoadedLengthControl):
         return keep_where(xp, failure != RUNNING, new, state)
 
     def coordinates(self, mechanism: PlanarFourBar, q: Components, inputs: Components) -> Components:
-        """See `FourBarSkeleton.coordinates`."""
-        return FourBarSkeleton(mechanism).coordinates(q, inputs)
+        """See `FloatingFourBar.coordinates`."""
+        return FloatingFourBar(mechanism).coordinates(q, inputs)
 
     def in_motion(
         self,
@@ -137,10 +137,10 @@ class RectangleControl(LoadedLengthControl):
         The tip is where bar CF ends; velocities are those of alpha, beta, theta and gamma. The stability
         margin is that of the Hessian at this moment's configuration, under the commanded lengths.
         """
-        skeleton = FourBarSkeleton(mechanism)
-        q = skeleton.configuration(u)
+        arm = FloatingFourBar(mechanism)
+        q = arm.configuration(u)
         stability, wrench = LoadedLengthControl.margins(self, mechanism, q, inputs, load)
-        return State(q, inputs, skeleton.tip(u), stability, wrench, RUNNING, time, velocity=skeleton.rates(velocity))
+        return State(q, inputs, arm.tip(u), stability, wrench, RUNNING, time, velocity=arm.rates(velocity))
 
     def failed(self, mechanism: PlanarFourBar, state: State, before: State) -> Component:
         """Lengths close to a singularity ("singular"), or a snap to the other side of CD ("buckled").

@@ -1,7 +1,7 @@
 """A mechanism in motion: what its inputs do is simulated, what is told about it is the analytic mechanism's.
 
 A step has three parts: `command` (compiled) moves the inputs, an engine simulates the time that a step takes, and
-`arrive` (compiled) judges where the mechanism is.
+`finish_step` (compiled) judges where the mechanism is.
 """
 
 from typing import Any, NamedTuple, Protocol
@@ -131,7 +131,7 @@ class DynamicControl:
         load = episode.load_at(time) or (0.0,) * len(state.tip)
         return Command(state._replace(inputs=inputs, time=time), actuation, load)
 
-    def arrive(self, mechanism: Any, episode: Episode, before: State, motion: Motion) -> State:
+    def finish_step(self, mechanism: Any, episode: Episode, before: State, motion: Motion) -> State:
         """The state at the end of a step.
 
         Args:

@@ -5,10 +5,10 @@ import numpy as np
 from tensegrity_agents.controllers import two_x
 from tensegrity_agents.controllers.base import jacobian_at
 from tensegrity_agents.controllers.connecting import connect
+from tensegrity_agents.controllers.n_x.measurements import configuration_of, estimate_payload
 from tensegrity_agents.controllers.n_x.planning import choose_posture
-from tensegrity_agents.controllers.n_x.reading import configuration_of, estimate_payload
+from tensegrity_agents.controllers.two_x.measurements import Estimate
 from tensegrity_agents.controllers.two_x.planning import margin
-from tensegrity_agents.controllers.two_x.reading import Estimate
 from tensegrity_envs.mechanics import NX
 from tensegrity_envs.mechanics.n_x.postures import postures_at
 from tensegrity_envs.observation import DecodedObservation
@@ -24,7 +24,7 @@ class NXArm:
     centring = 0.02  # share of the joint angles that the null space takes back in a step
 
     def configuration_of(self, observed: DecodedObservation, near: np.ndarray | None) -> np.ndarray:
-        """See `reading.configuration_of`."""
+        """See `measurements.configuration_of`."""
         return configuration_of(self.nominal, observed, near)
 
     def choose(self, model: NX, start: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -57,7 +57,7 @@ class NXArm:
         return np.asarray(step[..., 0] + rest)
 
     def estimate(self, observed: DecodedObservation) -> Estimate:
-        """See `reading.estimate_payload`."""
+        """See `measurements.estimate_payload`."""
         return estimate_payload(self.nominal, observed)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from tensegrity_agents.controllers import two_x
 from tensegrity_agents.controllers.obstacles.planning import PlansFreePaths
-from tensegrity_agents.controllers.two_x.reading import solutions
+from tensegrity_agents.controllers.two_x.measurements import solutions
 
 
 class ClosedFormIK(two_x.ClosedFormIK):

@@ -5,13 +5,13 @@ from typing import Any, cast
 import numpy as np
 
 from tensegrity_agents.controllers.base import Observation
-from tensegrity_agents.controllers.planar_four_bar.planning import waypoints
-from tensegrity_agents.controllers.planar_four_bar.reading import (
+from tensegrity_agents.controllers.planar_four_bar.measurements import (
     configuration,
     force_across,
     resolved_rate,
     side,
 )
+from tensegrity_agents.controllers.planar_four_bar.planning import waypoints
 from tensegrity_envs.environments import PlanarFourBarReach
 from tensegrity_envs.geometry.obstacle_path import shortest_path
 from tensegrity_envs.mechanics.planar_four_bar.inverse import rectangles

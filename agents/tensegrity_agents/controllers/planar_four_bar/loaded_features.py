@@ -6,8 +6,7 @@ import numpy as np
 
 from tensegrity_agents.controllers.base import Observation, with_rows
 from tensegrity_agents.controllers.planar_four_bar.features import Features
-from tensegrity_agents.controllers.planar_four_bar.planning import ends, trips
-from tensegrity_agents.controllers.planar_four_bar.reading import (
+from tensegrity_agents.controllers.planar_four_bar.measurements import (
     NOTICEABLE,
     configuration,
     force_across,
@@ -15,6 +14,7 @@ from tensegrity_agents.controllers.planar_four_bar.reading import (
     side,
     with_posture,
 )
+from tensegrity_agents.controllers.planar_four_bar.planning import ends, trips
 from tensegrity_envs.geometry.obstacle_path import shortest_path
 from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation.actuator_lengths import LoadedLengthControl
@@ -27,8 +27,8 @@ class Memory(NamedTuple):
     """What has been seen of n episodes.
 
     Attributes:
-        information: see `reading.with_posture`, (n, 2, 2).
-        evidence: see `reading.with_posture`, (n, 2) [N].
+        information: see `measurements.with_posture`, (n, 2, 2).
+        evidence: see `measurements.with_posture`, (n, 2) [N].
         load: for which the ends were found, (n, 2) [N]; NaN for none.
         ends: actuator lengths that hold the target, (n, 8, 2) [m]; infinite where there are fewer.
         far: what to add to the path to an end to which it does not lead in the nominal model, (n, 8) [m].

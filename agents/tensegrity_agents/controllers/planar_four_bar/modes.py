@@ -5,7 +5,7 @@ import numpy as np
 from tensegrity_agents.controllers.fixed_length_damping import matrices
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
-from tensegrity_envs.simulation.skeleton import FourBarSkeleton, side_of_diagonals
+from tensegrity_envs.simulation.floating_lengths import FloatingFourBar, side_of_diagonals
 
 
 class FourBarModes:
@@ -30,7 +30,7 @@ class FourBarModes:
 
     def place(self, w: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """See `Modes`."""
-        return np.stack(FourBarSkeleton(self.nominal).coordinates(tuple(w.T), tuple(lengths.T)), axis=1)
+        return np.stack(FloatingFourBar(self.nominal).coordinates(tuple(w.T), tuple(lengths.T)), axis=1)
 
     def stiffness(self, w: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """See `Modes`."""

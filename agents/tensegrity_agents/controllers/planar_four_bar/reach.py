@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController
-from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, waypoints
-from tensegrity_agents.controllers.planar_four_bar.reading import (
+from tensegrity_agents.controllers.planar_four_bar.measurements import (
     NOTICEABLE,
     configuration,
     force_across,
@@ -19,6 +18,7 @@ from tensegrity_agents.controllers.planar_four_bar.reading import (
     side,
     with_posture,
 )
+from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, trips, waypoints
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.observation import DecodedObservation
 
@@ -30,8 +30,8 @@ class Memory(NamedTuple):
         path: actuator lengths to visit one after another, shape (n, LEGS, 2) [m].
         leg: which of them is next, shape (n,).
         step: of the episode, shape (n,).
-        information: see `reading.with_posture`, (n, 2, 2).
-        evidence: see `reading.with_posture`, (n, 2) [N].
+        information: see `measurements.with_posture`, (n, 2, 2).
+        evidence: see `measurements.with_posture`, (n, 2) [N].
         load: with which the path was planned, (n, 2) [N].
         least: distance of the tip from the target since the last new start, (n,) [m].
         waited: steps in which it did not fall, (n,).

@@ -7,7 +7,7 @@ import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, Observation
 from tensegrity_agents.controllers.spatial_prism.identification import identify
-from tensegrity_agents.controllers.spatial_prism.reading import read
+from tensegrity_agents.controllers.spatial_prism.measurements import decoded
 from tensegrity_envs.compiler.kernel import evaluate
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.spatial_prism import SpatialPrism, SpatialPrismDesign
@@ -35,7 +35,7 @@ class TrackController(AnalyticController[Memory]):
 
     def decode(self, observation: Observation) -> DecodedObservation:
         """See `AnalyticController.decode`."""
-        return read(observation, self.core)
+        return decoded(observation, self.core)
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
         """See `AnalyticController.initial`."""

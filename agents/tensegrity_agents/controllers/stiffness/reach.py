@@ -16,9 +16,9 @@ import numpy as np
 from tensegrity_agents.controllers import two_x
 from tensegrity_agents.controllers.connecting import connect
 from tensegrity_agents.controllers.n_x.reach import NXArm
+from tensegrity_agents.controllers.two_x.measurements import solutions
 from tensegrity_agents.controllers.two_x.planning import margin, straight_clearance
 from tensegrity_agents.controllers.two_x.reach import Memory, ReachController
-from tensegrity_agents.controllers.two_x.reading import solutions
 from tensegrity_agents.controllers.two_x.tracking import tension_action
 from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.environments.stiffness import StiffnessGoals

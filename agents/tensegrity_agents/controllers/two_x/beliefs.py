@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.two_x.reading import configuration_from_tip
+from tensegrity_agents.controllers.two_x.measurements import configuration_from_tip
 from tensegrity_agents.controllers.two_x.servo import Belief, IdentifyingObserver
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation

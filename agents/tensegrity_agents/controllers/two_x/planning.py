@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from tensegrity_agents.controllers.two_x.reading import solutions
+from tensegrity_agents.controllers.two_x.measurements import solutions
 from tensegrity_envs.mechanics import NX, TwoX
 
 _SAMPLES = 41  # along a straight path

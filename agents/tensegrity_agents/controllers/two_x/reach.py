@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, ragged
+from tensegrity_agents.controllers.two_x.measurements import Estimate, configuration_from_tip, estimate_payload
 from tensegrity_agents.controllers.two_x.planning import choose_solution, plan
-from tensegrity_agents.controllers.two_x.reading import Estimate, configuration_from_tip, estimate_payload
 from tensegrity_agents.controllers.two_x.tracking import joint_action, resolved_rate, tension_action
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation

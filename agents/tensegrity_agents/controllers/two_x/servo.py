@@ -31,8 +31,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, jacobian_at
+from tensegrity_agents.controllers.two_x.measurements import configuration_from_tip
 from tensegrity_agents.controllers.two_x.reach import Memory, Observer
-from tensegrity_agents.controllers.two_x.reading import configuration_from_tip
 from tensegrity_agents.controllers.two_x.tracking import joint_action, resolved_rate, tension_action
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.core import Core

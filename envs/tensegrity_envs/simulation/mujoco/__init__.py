@@ -10,9 +10,9 @@ from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 
 if TYPE_CHECKING:
     from tensegrity_envs.simulation.mujoco.engine import Engine
-    from tensegrity_envs.simulation.mujoco.model import MujocoModel, RolloutResult, Settled
+    from tensegrity_envs.simulation.mujoco.model import MujocoModel, Relaxed, RolloutResult
 
-__all__ = ["Dynamics", "Engine", "MujocoModel", "RolloutResult", "Settled"]
+__all__ = ["Dynamics", "Engine", "MujocoModel", "Relaxed", "RolloutResult"]
 
 
 def __getattr__(name: str) -> Any:

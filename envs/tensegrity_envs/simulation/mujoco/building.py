@@ -45,7 +45,7 @@ def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics, textu
     """The specification of the model: bodies, hinges, loops, tendons, actuators, and what makes a good picture.
 
     Args:
-        mechanism: of one design, or its skeleton.
+        mechanism: of one design, or its model with floating lengths.
         linkage: of it.
         dynamics: what it does not tell.
         textures: of wall and sky, 0.8 MB in each model; what is only simulated needs none.

@@ -33,7 +33,7 @@ def _resting(model: Any) -> np.ndarray:
     """Joint angles under the lowest inputs: straight, unless it falls from there."""
     straight = np.zeros(model.linkage.size)
     beside = np.full(model.linkage.size, _BESIDE) * np.where(np.arange(model.linkage.size) % 2, -0.7, 1.0)
-    found = model.settle(model.input_bounds[0], beside)
+    found = model.relax(model.input_bounds[0], beside)
     if found.reason != "at rest" or abs(found.configuration).max() < 2 * _BESIDE:
         return np.asarray(model.linkage.joint_angles(straight))
     return np.asarray(model.linkage.joint_angles(found.configuration))
@@ -42,7 +42,7 @@ def _resting(model: Any) -> np.ndarray:
 def _write_ramped(model: Any, spec: mujoco.MjSpec, q: ArrayLike | None, inputs: ArrayLike | None) -> None:
     """Lengths count from those of the pose: without a key frame, MuJoCo begins with activations of zero."""
     if q is None:
-        q, lengths = model.skeleton.at_rest()
+        q, lengths = model.floating_model.at_rest()
     else:
         lengths = inputs
     q = np.asarray(q, float).reshape(-1)

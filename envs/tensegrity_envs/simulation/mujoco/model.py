@@ -13,12 +13,12 @@ from tensegrity_envs.simulation.mujoco.processes import without_log
 from tensegrity_envs.simulation.mujoco.simulator import FASTEST, RolloutResult, Simulator
 from tensegrity_envs.simulation.mujoco.variants import variant_of
 
-__all__ = ["MujocoModel", "RolloutResult", "Settled"]
+__all__ = ["MujocoModel", "Relaxed", "RolloutResult"]
 
 _SLOWEST = 10.0  # [rad/s], a low frequency: an arm that is let go has a speed of about the way times this
 
 
-class Settled(NamedTuple):
+class Relaxed(NamedTuple):
     """Where an arm comes to rest.
 
     Attributes:
@@ -60,14 +60,14 @@ class MujocoModel(Simulator):
 
     # ------------------------------------------------------------------------------------------------------ statics
 
-    def settle(
+    def relax(
         self,
         inputs: ArrayLike,
         start: ArrayLike,
         load: ArrayLike | None = None,
         tolerance: float | None = None,
         max_steps: int = 20_000,
-    ) -> Settled:
+    ) -> Relaxed:
         """Where the arm comes to rest from `start`, under constant inputs.
 
         Joints are halted whenever the kinetic energy begins to fall (dynamic relaxation), which finds the equilibrium
@@ -92,7 +92,7 @@ class MujocoModel(Simulator):
         with without_log():
             reason, steps = self._come_to_rest(data, calm_speed, max_steps)
         angles = data.qpos.copy()
-        return Settled(
+        return Relaxed(
             np.asarray(self.linkage.configuration(angles)),
             float(self.linkage.loop_error(angles)),
             float(abs(data.qacc).max()),
@@ -191,7 +191,7 @@ class MujocoModel(Simulator):
         prismatic actuators: their speeds).
 
         A plain load rests: where controls of zero, which saturate at the lowest inputs, hold the arm; with prismatic
-        actuators, in q, or else in the pose of `skeleton.at_rest`, from which on activations count the lengths.
+        actuators, in q, or else in the pose of `floating_model.at_rest`, from which on activations count the lengths.
 
         Args:
             path: of the file.

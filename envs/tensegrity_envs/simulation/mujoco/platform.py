@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_envs.mechanics.spatial_prism.vectors import spin
-from tensegrity_envs.simulation.skeleton import PrismSkeleton
+from tensegrity_envs.simulation.floating_lengths import FloatingPrism
 
 _TINY = 1e-300
 
@@ -26,7 +26,7 @@ class Platform:
     """The platform of a spatial prism.
 
     Args:
-        skeleton: of the prism.
+        floating_model: of the prism.
 
     Raises:
         ValueError: it is a batch of designs.
@@ -47,23 +47,23 @@ class Platform:
     corners = ("P1", "P2", "P3")
     base = ("B1", "B2", "B3")
 
-    def __init__(self, skeleton: PrismSkeleton) -> None:
-        if any(np.ndim(value) for value in vars(skeleton.design).values()):
+    def __init__(self, floating_model: FloatingPrism) -> None:
+        if any(np.ndim(value) for value in vars(floating_model.design).values()):
             raise ValueError("SpatialPrism: takes one design, not a batch of them")
-        self.reference = self.nodes_of(skeleton)
-        self.length = 2.4 * float(skeleton.design.D)
-        self.extent = 1.4 * float(skeleton.design.D)
+        self.reference = self.nodes_of(floating_model)
+        self.length = 2.4 * float(floating_model.design.D)
+        self.extent = 1.4 * float(floating_model.design.D)
 
     @staticmethod
-    def nodes_of(skeleton: PrismSkeleton) -> dict[str, np.ndarray]:
+    def nodes_of(floating_model: FloatingPrism) -> dict[str, np.ndarray]:
         """Nodes where the centroid is at the origin and the platform level [m]."""
-        return {name: np.array(place, float) for name, place in skeleton.nodes((0.0,) * 6).items()}
+        return {name: np.array(place, float) for name, place in floating_model.nodes((0.0,) * 6).items()}
 
-    def fits(self, skeleton: PrismSkeleton) -> bool:
+    def fits(self, floating_model: FloatingPrism) -> bool:
         """Whether another prism has the same geometry."""
         return all(
             abs(self.reference[name] - place).max() < 1e-12 * self.length
-            for name, place in self.nodes_of(skeleton).items()
+            for name, place in self.nodes_of(floating_model).items()
         )
 
     def owner(self, node: str) -> int:

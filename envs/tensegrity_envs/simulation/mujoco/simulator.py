@@ -2,9 +2,10 @@
 
 Configurations q [rad], inputs (tensions [N], free or actuator lengths [m]) and loads (dead force at the tip (fx, fy)
 or (fx, fy, fz) [N]) are those of the analytic mechanism; where that has prismatic actuators, configurations are the
-coordinates of its skeleton (`simulation.skeleton`). Prismatic actuators move evenly from where they are to their
-command within a step. Many simulations are rows: arrays of shape (m, ...). A state is a row of numbers (time,
-joint angles, their rates, actuator states) from which the simulation goes on, to the bit, wherever it is put.
+coordinates of its model with floating lengths (`simulation.floating_lengths`). Prismatic actuators move evenly from
+where they are to their command within a step. Many simulations are rows: arrays of shape (m, ...). A state is a row of
+numbers (time, joint angles, their rates, actuator states) from which the simulation goes on, to the bit, wherever it is
+put.
 """
 
 from collections.abc import Sequence
@@ -15,12 +16,12 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_envs.simulation.floating_lengths import FloatingPrism, floating_length_model
 from tensegrity_envs.simulation.mujoco.building import TIP_BODY, build, input_members
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.mujoco.linkage import Linkage
 from tensegrity_envs.simulation.mujoco.platform import Platform
 from tensegrity_envs.simulation.mujoco.processes import Pools, without_log
-from tensegrity_envs.simulation.skeleton import PrismSkeleton, skeleton_of
 
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 _WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -55,7 +56,7 @@ class Simulator:
             cannot lag.
 
     Attributes:
-        skeleton: what of the mechanism moves; its coordinates are the configurations.
+        floating_model: what of the mechanism moves; its coordinates are the configurations.
         linkage: its bodies, hinges and loops.
         model: the MjModel, without the textures of pictures.
         data: the MjData of `reset` and `step`.
@@ -68,20 +69,22 @@ class Simulator:
     def __init__(self, mechanism: Any, dynamics: Dynamics | None = None) -> None:
         self.mechanism = mechanism
         self.dynamics = dynamics or Dynamics()
-        self.skeleton = skeleton_of(mechanism)
-        self.linkage: Any = (Platform if isinstance(self.skeleton, PrismSkeleton) else Linkage)(self.skeleton)
+        self.floating_model = floating_length_model(mechanism)
+        self.linkage: Any = (Platform if isinstance(self.floating_model, FloatingPrism) else Linkage)(
+            self.floating_model
+        )
         if self.linkage.loops and self.dynamics.timestep > 0.001:
             raise ValueError(
                 f"Dynamics.timestep = {self.dynamics.timestep!r}: must be 0.001 s or less for a mechanism with loops, "
                 "whose joint limits cannot keep them assembled otherwise"
             )
-        self.model = build(self.skeleton, self.linkage, self.dynamics, textures=False).compile()
+        self.model = build(self.floating_model, self.linkage, self.dynamics, textures=False).compile()
         self.data = mujoco.MjData(self.model)
         self._scratch = mujoco.MjData(self.model)
         names = [self.model.joint(i).name for i in range(self.model.njnt)]
         if names != list(self.linkage.joints):
             raise AssertionError(f"joints {names} are not in the order of the linkage")
-        self._inputs = input_members(self.skeleton.members)
+        self._inputs = input_members(self.floating_model.members)
         self._tip = self.model.body(TIP_BODY).id
         self.state_size = int(mujoco.mj_stateSize(self.model, int(_FULL)))
         self.input_size = int(self.model.nu)
@@ -102,7 +105,7 @@ class Simulator:
     @property
     def spec(self) -> mujoco.MjSpec:
         """A new MjSpec of the model, with what makes a good picture."""
-        return build(self.skeleton, self.linkage, self.dynamics)
+        return build(self.floating_model, self.linkage, self.dynamics)
 
     # ------------------------------------------------------------------------------------------------------ copies
 

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 
 from tensegrity_envs.mechanics.design import Member
+from tensegrity_envs.simulation.floating_lengths import floating_length_model
 from tensegrity_envs.simulation.mujoco.building import input_members
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.mujoco.simulator import Simulator
-from tensegrity_envs.simulation.skeleton import skeleton_of
 
 
 def variant_of(simulator: Simulator, mechanism: Any, dynamics: Dynamics) -> mujoco.MjModel:
@@ -22,10 +22,10 @@ def variant_of(simulator: Simulator, mechanism: Any, dynamics: Dynamics) -> mujo
             raise ValueError(f"Dynamics.{field} differs from that of the model: build another MujocoModel")
     if (dynamics.time_constant > 0) != (own.time_constant > 0):
         raise ValueError("only one of Dynamics.actuator_bandwidth and that of the model is 0: build another")
-    skeleton = skeleton_of(mechanism)
-    if not simulator.linkage.fits(skeleton):
+    floating_model = floating_length_model(mechanism)
+    if not simulator.linkage.fits(floating_model):
         raise ValueError("the bar lengths differ from those of the model: build another MujocoModel")
-    members = skeleton.members
+    members = floating_model.members
     model = copy(simulator.model)
     for member in members:
         if member.kind == "spring" and not member.is_input:

@@ -1,7 +1,8 @@
 """Mechanisms without what holds their actuators' lengths: what moves when prismatic actuators are no constraints.
 
-The dynamic simulations drive prismatic actuators as stiff servos, so that their lengths are coordinates, too. A
-skeleton has the nodes and members of its mechanism, at coordinates of its own. No import of a physics engine here.
+The dynamic simulations drive prismatic actuators as stiff servos, so that their lengths are coordinates, too. A model
+of floating lengths has the nodes and members of its mechanism, at coordinates of its own. No import of a physics engine
+here.
 """
 
 from typing import Any
@@ -14,7 +15,7 @@ from tensegrity_envs.mechanics.spatial_prism import SpatialPrism
 _QUARTER = 1.5707963267948966  # pi / 2 [rad]
 
 
-class FourBarSkeleton:
+class FloatingFourBar:
     """The four bars of the planar 4-bar mechanism, hinged in A, B, C and D.
 
     Coordinates are the turns (a, b, t, g) of the bars AD and BC against the ground, of DE against AD and of CF against
@@ -94,7 +95,7 @@ def side_of_diagonals(q: Components) -> Component:
     return xp.where(xp.sin(q[0] + q[1]) < 0, 1.0, -1.0)
 
 
-class PrismSkeleton:
+class FloatingPrism:
     """The free platform of the spatial prism, on springs and struts. Coordinates are its configuration.
 
     The cables are the edges of the platform, which is rigid.
@@ -122,10 +123,10 @@ class PrismSkeleton:
         return (*place, 0.0, 0.0, 0.0), self.mechanism.unloaded_lengths(place)
 
 
-def skeleton_of(mechanism: Any) -> Any:
+def floating_length_model(mechanism: Any) -> Any:
     """What of a mechanism moves while it is simulated: itself where it has no prismatic actuators."""
     if isinstance(mechanism, PlanarFourBar):
-        return FourBarSkeleton(mechanism)
+        return FloatingFourBar(mechanism)
     if isinstance(mechanism, SpatialPrism):
-        return PrismSkeleton(mechanism)
+        return FloatingPrism(mechanism)
     return mechanism

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tensegrity_agents.controllers.two_x.reading import Estimate
+from tensegrity_agents.controllers.two_x.measurements import Estimate
 from tensegrity_envs.mechanics import NX
 from tensegrity_envs.mechanics.n_x.redundancy import project
 from tensegrity_envs.observation import DecodedObservation

@@ -5,7 +5,7 @@ from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
 
-def read(observation: Observation, core: Core) -> DecodedObservation:
+def decoded(observation: Observation, core: Core) -> DecodedObservation:
     """The decoded observation of n environments, with `next_goal`: where the goal will be after this step, (n, 3) [m].
 
     Args:
