@@ -64,11 +64,14 @@ def mean_success(flags: np.ndarray) -> Estimate:
 
 
 def cells_of(records: Sequence[Record], level: str = "") -> dict[str, Cell]:
-    """The cells of an id by controller, agents first; runs on fewer episodes than others are a ValueError.
+    """The cells of an id by controller, agents first.
 
     Args:
         records: all of one id.
         level: of uncertainty, as in `Record.successes`; records without it are left out.
+
+    Raises:
+        ValueError: some runs have fewer episodes than others.
     """
     groups: dict[str, list[Record]] = {}
     for record in sorted(records, key=lambda one: (one.kind != AGENT, -1 if one.seed is None else one.seed)):

@@ -116,7 +116,7 @@ def save(figure: Figure, stem: Path, title: str = "") -> Path:
 
 
 def without_jumps(values: np.ndarray, ratio: float = 6.0) -> np.ndarray:
-    """Samples of a function with NaN where it jumps, so that no line is drawn there.
+    """Samples of a function, shape (n,), with NaN where it jumps, so that no line is drawn there.
 
     A jump is a step that is `ratio` times larger than both steps beside it, and larger than 2% of the range.
     """

@@ -55,7 +55,7 @@ class AugmentedVecEnv(VecEnvWrapper):
         return told
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Remember the actions, and hand them on."""
+        """Remember the actions, shape (environments, action size), and hand them on."""
         self.memory = self.augmentation.acted(self.memory, actions)
         self.venv.step_async(actions)
 

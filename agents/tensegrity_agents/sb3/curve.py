@@ -49,7 +49,7 @@ class CompleteEpisodes:
         self._waiting: list[tuple[float, ...]] = []  # a heap of (when it counts, environment, success, return, length)
 
     def add(self, dones: np.ndarray, infos: Sequence[dict[str, Any]]) -> None:
-        """A step of all environments, as Stable-Baselines3 reports it."""
+        """A step of all n environments, as Stable-Baselines3 reports it: `dones` of shape (n,), n dicts of info."""
         self._step += 1
         for i in np.flatnonzero(dones).tolist():
             if not self._is_cut[i]:

@@ -64,7 +64,7 @@ class LevelsVecEnv(VecEnv):
         return told
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Remember the actions."""
+        """Remember the actions, shape (environments, action size)."""
         for part, own in zip(self.parts, self._split(actions), strict=True):
             part.step_async(own)
 

@@ -86,7 +86,7 @@ class VectorEnvAdapter(VecEnv):
         return begun
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Remember the actions."""
+        """Remember the actions, shape (environments, action size)."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
