@@ -102,6 +102,13 @@ Level = Annotated[
         show_default="the environment's",
     ),
 ]
+Option = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="any other argument of the environment, as name=value with the value in YAML, such as segments=4; may be "
+        "repeated"
+    ),
+]
 PayloadRange = Annotated[
     str | None, typer.Option(help="range of the unknown payload in kg, such as 0,0.4", show_default="the environment's")
 ]
@@ -147,6 +154,7 @@ class EnvironmentOptions:
     load_range: LoadRange = None
     payload_range: PayloadRange = None
     level: Level = None
+    option: Option = None
 
     def parsed(self) -> dict[str, Any]:
         """The environment's options that were given at the command line.
@@ -167,7 +175,15 @@ class EnvironmentOptions:
             options["payload_range"] = env_options.parse_range(self.payload_range, "--payload-range")
         if self.level is not None:
             options["level"] = self.level
-        return options
+        return options | self.others()
+
+    def others(self) -> dict[str, Any]:
+        """Those of them that have no option of their own.
+
+        Raises:
+            ConfigError: one cannot be read.
+        """
+        return env_options.parse_others(self.option or [])
 
     def checked(self, *env_ids: str) -> dict[str, Any]:
         """The same, once all of these environments have taken them; the last one's are explained.
@@ -240,13 +256,15 @@ class ExperimentOptions:
         Raises:
             ConfigError: something does not fit.
         """
-        changes = {name: value for name, value in changes.items() if value is not None} | options.parsed()
+        others = options.others()
+        own = {name: value for name, value in options.parsed().items() if name not in others}
+        changes = {name: value for name, value in changes.items() if value is not None} | own
         if self.seeds is not None:
             changes["seeds"] = parse_seeds(self.seeds)
         experiment = find_experiment(self.config, one_of(self.environment, self.env))
         if more := changes.pop("more_controllers", None):
             changes["controllers"] = list(dict.fromkeys([*experiment.compared, *more]))
-        experiment = experiment.changed(**changes)
+        experiment = experiment.changed(**changes, env_options=experiment.env_options | others)
         folder = checked_folder(self.out or Path("results") / experiment.results_name, "--out")
         explain_options(experiment.env, experiment.options)
         return experiment, folder

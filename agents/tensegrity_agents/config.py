@@ -183,6 +183,9 @@ class Experiment(_Strict):
     tolerance: float | None = Field(None, gt=0, description="distance from the target that counts as reached")
     load_range: list[float] | None = Field(None, description="of unknown loads at the tip, as the environment has it")
     payload_range: list[float] | None = Field(None, description="of unknown payloads [kg]")
+    env_options: dict[str, Any] = Field(
+        {}, description="further arguments of the environment, in training and evaluation, such as segments: 4"
+    )
 
     @field_validator("env")
     @classmethod
@@ -199,7 +202,8 @@ class Experiment(_Strict):
         """The environment's options that count in training and evaluation."""
         given = {name: getattr(self, name) for name in env_options.NAMES}
         own = {name: value for name, value in given.items() if value is not None}
-        return {name: value for name, value in self.train.env_options.items() if name in env_options.NAMES} | own
+        trained = {name: value for name, value in self.train.env_options.items() if name in env_options.NAMES}
+        return trained | self.env_options | own
 
     @property
     def training_options(self) -> dict[str, Any]:

@@ -2,9 +2,10 @@
 
 import dataclasses
 import hashlib
+import inspect
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 NAMES = ("design", "randomization", "level", "tolerance", "load_range", "payload_range")
+# What `gym.make` and `gym.make_vec` keep for themselves; render_mode is chosen by commands.
+_GYMNASIUM = {"render_mode", *inspect.signature(gym.make).parameters, *inspect.signature(gym.make_vec).parameters}
 _DESIGN = (
     "a published design such as muralidharan2022, some fields such as '{\"b\": 0.06}' or b=0.06, both as "
     "muralidharan2022,b=0.06, or a YAML file with fields"
@@ -89,6 +92,30 @@ def parse_range(text: str, option: str) -> list[float]:
     except ValueError:
         raise ConfigError(f"{option} {text}: must be two numbers, such as 0,1") from None
     return checked_range([low, high], f"{option} {text}")
+
+
+def parse_others(texts: Iterable[str], option: str = "--option") -> dict[str, Any]:
+    """Arguments of the environment that have no option of their own, each as "name=value" with the value as YAML.
+
+    Raises:
+        ConfigError: one is something else, is given twice, or has an option of its own.
+    """
+    found: dict[str, Any] = {}
+    for text in texts:
+        name, is_there, value = (part.strip() for part in text.partition("="))
+        if not (name.isidentifier() and is_there and value):
+            raise ConfigError(f"{option} {text}: must be name=value, such as segments=4")
+        if name in NAMES:
+            raise ConfigError(f"{option} {text}: has an option of its own, --{name.replace('_', '-')}")
+        if name in _GYMNASIUM:
+            raise ConfigError(f"{option} {text}: {name} is no option of environments, but of gym.make")
+        if name in found:
+            raise ConfigError(f"{option} {text}: {name} is given twice")
+        try:
+            found[name] = parse_yaml(value)
+        except yaml.YAMLError:
+            raise ConfigError(f"{option} {text}: {value!r} is not YAML") from None
+    return found
 
 
 def checked_range(value: Sequence[float], where: str) -> list[float]:

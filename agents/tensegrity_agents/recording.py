@@ -154,7 +154,7 @@ def _agent(env_id: str, options: dict[str, Any], policy: Path | None) -> Control
     """
     if policy is None:
         try:
-            return load_pretrained(env_id)
+            return load_pretrained(env_id, env_options.canonical(env_id, options))
         except ValueError as error:
             raise ConfigError(f"agent: {error}; --policy takes the folder of one that you have trained") from error
     from tensegrity_agents.sb3.policy_file import load_policy

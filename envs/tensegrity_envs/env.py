@@ -13,7 +13,7 @@ from tensegrity_envs.core import Core
 from tensegrity_envs.environments import core_of
 from tensegrity_envs.episodes import EpisodeQueue, checked_options, episodes_ahead
 from tensegrity_envs.relabelling import Infos
-from tensegrity_envs.rendering import Scene, Viewer, checked_size, draw
+from tensegrity_envs.rendering import Scene, Viewer, checked_size, draw, need_display
 from tensegrity_envs.seeding import checked_episode, checked_seed
 from tensegrity_envs.simulation.protocol import RUNNING, Episode, State, termination_reason
 
@@ -66,6 +66,14 @@ class ManipulatorEnv(gym.Env[dict[str, np.ndarray], np.ndarray]):
         self._failure: float  # of the outcome
         self._action_shape = self.action_space.shape
         self._viewer: Viewer | None = None
+
+    def need_display(self) -> None:
+        """See that render_mode "human" would find a display, without opening a window.
+
+        Raises:
+            DisplayError: there is none; the message says what to do.
+        """
+        need_display()
 
     def __getstate__(self) -> dict[str, Any]:
         """The state of a copy: all but the window, which belongs to its process."""

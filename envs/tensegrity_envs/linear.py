@@ -48,7 +48,10 @@ class LinearModel(NamedTuple):
     state_names: tuple[str, ...]
 
     def to_control(self) -> Any:
-        """The same as a `StateSpace` of python-control, in discrete time (of unspecified step if `dt` is None).
+        """The same as a `StateSpace` of python-control, in discrete time.
+
+        Its `dt` is that of the model, or True (discrete, of unspecified step) where that is None. Its inputs are called
+        a1, a2, ..., its outputs y1, y2, ..., its states as here.
 
         Raises:
             ImportError: the package `control` is not installed.
@@ -56,8 +59,10 @@ class LinearModel(NamedTuple):
         try:
             import control
         except ImportError as error:
-            raise ImportError("to_control needs python-control: pip install control") from error
-        return control.ss(self.A, self.B, self.C, self.D, self.dt or True, states=list(self.state_names))
+            raise ImportError("to_control needs python-control: pip install 'tensegrity-envs[control]'") from error
+        names = {"inputs": _named("a", self.B.shape[1]), "outputs": _named("y", len(self.C))}
+        matrices = (self.A, self.B, self.C, self.D)
+        return control.ss(*matrices, self.dt or True, states=list(self.state_names), **names)
 
 
 def linearize(

@@ -6,6 +6,7 @@ import gymnasium as gym
 
 from tensegrity_envs.core import Core
 from tensegrity_envs.env import ManipulatorEnv
+from tensegrity_envs.simulation.mujoco.displays import require_display
 
 if TYPE_CHECKING:
     from tensegrity_envs.simulation.mujoco.pictures import Pictures
@@ -38,6 +39,10 @@ class MujocoManipulatorEnv(ManipulatorEnv):
         if self.core.engine is None:
             raise ValueError("backend = 'quasi_static': MujocoManipulatorEnv needs 'mujoco'")
         self._pictures: Pictures | None = None
+
+    def need_display(self) -> None:
+        """See `ManipulatorEnv.need_display`; the window is MuJoCo's."""
+        require_display()
 
     def render(self) -> Any:
         """The picture (rgb_array: shape (height, width, 3), uint8; depth_array: shape (height, width), float32),

@@ -267,11 +267,20 @@ class ObservationSchema:
                 of shape (n, goal size).
 
         Raises:
-            ValueError: the entry "observation" has another shape.
+            ValueError: an entry has another shape; of a single observation the message says how it becomes a batch.
         """
         vector = np.asarray(observation["observation"], float)
+        if vector.ndim == 1 and vector.size == self.size:
+            raise ValueError(
+                f"observation of shape {vector.shape}: one alone; must be a batch of shape (n, {self.size}): "
+                "give {name: value[None] for name, value in observation.items()}"
+            )
         if vector.ndim != 2 or vector.shape[1] != self.size:
             raise ValueError(f"observation of shape {vector.shape}: must be a batch of shape (n, {self.size})")
+        for name in ("achieved_goal", "desired_goal"):
+            shape = np.shape(observation[name])
+            if len(shape) != 2 or shape[0] != len(vector):
+                raise ValueError(f"{name} of shape {shape}: must be a batch of shape ({len(vector)}, goal size)")
         values = {name: field.decode(vector[:, self.places[name]]) for name, field in self.fields.items()}
         values[self._goal] = np.asarray(observation["achieved_goal"], float)
         values["target"] = np.asarray(observation["desired_goal"], float)

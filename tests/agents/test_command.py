@@ -16,7 +16,13 @@ import tensegrity_envs
 from tensegrity_agents.command import SUBCOMMANDS
 from tensegrity_agents.command.list import described, detailed
 from tensegrity_agents.command.program import app, load
-from tensegrity_agents.command_options import completed_ids, find_experiment, shipped_configs
+from tensegrity_agents.command_options import (
+    EnvironmentOptions,
+    ExperimentOptions,
+    completed_ids,
+    find_experiment,
+    shipped_configs,
+)
 from tensegrity_agents.config import ConfigError
 from tensegrity_agents.console import clear_errors, tell_json
 from tensegrity_agents.evaluation.rollout import evaluate
@@ -62,9 +68,12 @@ def test_list_tells_every_environment():
     assert all(row["baselines"] and row["max_episode_steps"] > 0 for row in rows)
     code, text = run("list")
     assert code == 0
+    assert max(map(len, text.splitlines())) <= 110
+    told = " ".join(text.split())
     for row in rows:
-        (line,) = [one for one in text.splitlines() if one.startswith(row["id"].removeprefix("tensegrity/") + " ")]
-        assert row["summary"] in line and ", ".join(row["baselines"]) in line
+        short = row["id"].removeprefix("tensegrity/")
+        assert sum(one.startswith(short + " ") for one in text.splitlines()) == 1
+        assert f"{row['summary']}; {', '.join(row['baselines'])}" in told
 
 
 @pytest.mark.parametrize("name", ["TwoXPayloadReach-v0", "tensegrity/TwoXPayloadReach-v0"])
@@ -233,14 +242,63 @@ def test_watch_writes_mp4(tmp_path):
     assert (code, film.read_bytes()[4:8]) == (0, b"ftyp")
 
 
-@pytest.mark.parametrize("name", ["play", "watch"])
-def test_a_window_needs_a_display(name, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "env_id"), [("play", "TwoXReach-v0"), ("watch", "TwoXReach-v0"), ("watch", "TwoXTensionReachMuJoCo-v0")]
+)
+def test_a_window_needs_a_display_before_anything_is_loaded(name, env_id, monkeypatch):
+    if "MuJoCo" in env_id:
+        pytest.importorskip("mujoco")
     for variable in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
         monkeypatch.delenv(variable, raising=False)
-    code, text = run(name, "TwoXReach-v0")
+    code, text = run(name, env_id)
     assert code == 2
-    assert "no display" in text
+    assert "no display" in text and "policy" not in text
     assert name == "play" or "--record film.gif" in text
+
+
+def test_any_option_of_an_environment_counts_everywhere(tmp_path):
+    more = ("DualTriangleReach-v0", "--option", "segments=2")
+    code, text = run("evaluate", *more, "--controller", "pseudo_inverse", "--episodes", "5")
+    assert code == 0
+    assert "segments: 2" in text and "pseudo_inverse" in text
+    code, text = run("watch", *more, "--record", str(tmp_path / "film.gif"), "--episodes", "1")
+    assert code == 0
+    assert "the shipped policy does not fit" in text and "oracle does not fit" in text and "on target" in text
+    options = EnvironmentOptions(option=["segments=2", "reward_type=sparse"])
+    experiment, folder = ExperimentOptions(environment=more[0]).chosen(options)
+    assert experiment.options == {"segments": 2, "reward_type": "sparse"} == experiment.env_options
+    assert experiment.training_options["segments"] == 2
+    assert folder.name != "DualTriangleReach-v0"
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("segments", "must be name=value"),
+        ("segments=[", "not YAML"),
+        ("level=1", "an option of its own, --level"),
+        ("render_mode=human", "no option of environments"),
+        ("max_episode_steps=5", "no option of environments"),
+        ("sgments=4", "sgments"),
+    ],
+)
+def test_slips_in_options_of_environments_are_told(given, message):
+    code, text = run("evaluate", "DualTriangleReach-v0", "--option", given)
+    assert code == 2
+    assert message in " ".join(text.split())
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Nope-v0", "Nope-v0, which is no environment of this package; there are policies for .*TwoXReach-v0"),
+        ("TwoXReach", r"\(did you mean TwoXReach-v0\?\)"),
+        ("TwoXPayloadReach-v0", "`tensegrity train TwoXPayloadReach-v0`"),
+    ],
+)
+def test_policies_that_are_not_shipped_are_told(name, message):
+    with pytest.raises(ValueError, match=f"no policy is shipped for .*{message}"):
+        load_pretrained(name)
 
 
 def test_what_needs_mujoco_says_so_where_it_is_missing(monkeypatch):

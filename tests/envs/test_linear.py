@@ -163,9 +163,26 @@ def test_designs_are_resolved():
         linearize(core, (1.6, 0.2), design={"joint_limit": 1.5})
 
 
-def test_state_space_of_python_control():
+@pytest.mark.parametrize("env_id", ["TwoXReach-v0", "TwoXTensionReach-v0", "DualTriangleReachMuJoCo-v0"])
+def test_the_state_space_of_python_control_responds_as_the_environment(env_id):
     control = pytest.importorskip("control")
-    env = gym.make("tensegrity/TwoXReach-v0")
-    env.reset(seed=0)
-    system = linearize(env).to_control()
+    rest = Rest(f"tensegrity/{env_id}")
+    model = rest.linearized()
+    system = model.to_control()
     assert isinstance(system, control.StateSpace) and system.isdtime(strict=True)
+    assert system.dt is True if model.dt is None else system.dt == 0.02
+    assert system.state_labels == list(model.state_names)
+    assert (system.input_labels[0], system.output_labels) == ("a1", ["y1", "y2"])
+    for name in "ABCD":
+        np.testing.assert_array_equal(getattr(system, name), getattr(model, name))
+    steps, k = 4, system.ninputs
+    pulses = np.zeros((k, steps + 1))
+    real = {n: rest.differences(n) for n in range(1, steps + 1)}
+    times = np.arange(steps + 1) * (model.dt or 1.0)
+    for i in range(k):
+        pulses[:] = 0.0
+        pulses[i, 0] = 1.0
+        found = control.forced_response(system, times, pulses)
+        for n, (states, goals) in real.items():
+            assert found.states[:, n] == pytest.approx(states[:, i], abs=4e-5 * abs(states).max())
+            assert found.outputs[:, n] == pytest.approx(goals[:, i], abs=4e-5 * abs(goals).max())

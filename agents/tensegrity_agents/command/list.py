@@ -1,5 +1,6 @@
 """The environments: id, what they are, spaces, baselines."""
 
+from textwrap import fill
 from typing import Any
 
 import gymnasium as gym
@@ -87,8 +88,10 @@ def main(
 
 
 def tell_all(rows: list[dict[str, Any]]) -> None:
-    """One line for each environment; a terminal cuts off what has no room, a file or a pipe nothing."""
-    lines = [("id", "action", "observation", "steps", "policy", "what it is", "baselines")]
+    """One line for each environment, of which a terminal cuts off what has no room; a file or a pipe gets all of it,
+    in lines that go on below each other.
+    """
+    lines = [("id", "action", "observation", "steps", "policy", "what it is; baselines")]
     lines += [
         (
             short_name(row["id"]),
@@ -96,16 +99,19 @@ def tell_all(rows: list[dict[str, Any]]) -> None:
             "+".join(str(size[0]) for size in row["observation"].values()) or "?",
             str(row["max_episode_steps"]),
             "yes" if row["policy"] else "",
-            row["summary"],
-            ", ".join(row["baselines"]),
+            f"{row['summary']}; {', '.join(row['baselines'])}",
         )
         for row in rows
     ]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    for line in lines:
-        text = "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-        room = console.width if console.is_terminal else len(text)
-        say(text if len(text) <= room else text[: room - 1] + "…")
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]) - 1)]
+    room = console.width
+    for *cells, text in lines:
+        start = "".join(f"{cell:{width}}  " for cell, width in zip(cells, widths, strict=True))
+        if console.is_terminal:
+            line = start + text
+            say(line if len(line) <= room else line[: room - 1] + "…")
+        else:
+            say(fill(text, room, initial_indent=start, subsequent_indent="    ", break_on_hyphens=False))
     for needs in dict.fromkeys(row["needs"] for row in rows if row["needs"]):
         say(f"?: {needs}")
     say("observation: sizes of achieved_goal + desired_goal + observation. All about one: tensegrity list ID")

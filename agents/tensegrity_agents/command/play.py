@@ -13,7 +13,7 @@ from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.evaluation.player import Player
 from tensegrity_envs import termination_reason
 from tensegrity_envs.env import unwrapped
-from tensegrity_envs.rendering import Scene, View, Viewer
+from tensegrity_envs.rendering import Scene, View, Viewer, need_display
 
 # Pairs of keys for the components of an action: less and more.
 KEYS = (("left", "right"), ("down", "up"), ("a", "d"), ("s", "w"), ("f", "h"), ("g", "t"))
@@ -98,6 +98,7 @@ def main(
     """
     with clear_errors("good bye"):
         env_id = chosen.named("TwoXReach-v0")
+        need_display()
         given = options.checked(env_id)
         env = gym.make(env_id, render_mode="rgb_array", max_episode_steps=-1, **given)
         viewer = Viewer(unwrapped(env).render_size, f"tensegrity play {env_id}")

@@ -36,15 +36,28 @@ def chosen_player(env_id: str, controller: str | None, policy: Path | None, opti
 
         return policy.name, load_policy(policy, env_id, env_options.canonical(env_id, options))
     if controller is None and env_id in pretrained_ids():
-        return "shipped policy", load_pretrained(env_id)
-    name = controller or strongest(env_id)
-    return name, make_controller(name, env_id, options)
+        try:
+            return "shipped policy", load_pretrained(env_id, env_options.canonical(env_id, options))
+        except ValueError as error:
+            say(f"the shipped policy does not fit: {error}")
+    if controller is None:
+        return strongest(env_id, options)
+    return controller, make_controller(controller, env_id, options)
 
 
-def strongest(env_id: str) -> str:
-    """The oracle of an environment, or where there is none the strongest baseline."""
-    names = list(baselines_of(env_id))
-    return "oracle" if "oracle" in names else ([name for name in names if name != "random"] or names)[-1]
+def strongest(env_id: str, options: dict[str, Any]) -> tuple[str, Any]:
+    """The oracle of an environment, or else the strongest baseline that takes these options."""
+    by_strength = ["random", *(name for name in baselines_of(env_id) if name not in ("random", "oracle"))]
+    if "oracle" in baselines_of(env_id):
+        by_strength.append("oracle")
+    while True:
+        name = by_strength.pop()
+        try:
+            return name, make_controller(name, env_id, options)
+        except ValueError as error:
+            if not by_strength:
+                raise
+            say(f"{name} does not fit: {error}")
 
 
 @with_option_groups
@@ -77,15 +90,29 @@ def main(
                 raise ConfigError(f"--record {record}: the file's name must end in {' or '.join(SUFFIXES)}")
             checked_file(record, "--record")
         given = options.checked(env_id)
+        if record is None:
+            need_window(env_id, given)
         name, player = chosen_player(env_id, controller, policy, given)
         say(f"{env_id}: {name}, {episodes} episode(s)")
-        try:
-            frames = show(env_id, player, given, episodes, seed, record is None)
-        except DisplayError as error:
-            raise DisplayError(f"{error}; --record film.gif writes a film instead") from error
+        frames = show(env_id, player, given, episodes, seed, record is None)
         if record is not None:
             write_film(frames, record)
             say(f"film: {record}")
+
+
+def need_window(env_id: str, options: dict[str, Any]) -> None:
+    """See that a window can be opened, before anything is loaded or compiled.
+
+    Raises:
+        DisplayError: there is no display; the message names --record.
+    """
+    env: Any = gym.make(env_id, **options)
+    try:
+        env.unwrapped.need_display()
+    except DisplayError as error:
+        raise DisplayError(f"{error}; --record film.gif writes a film instead") from error
+    finally:
+        env.close()
 
 
 def show(

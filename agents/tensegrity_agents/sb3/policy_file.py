@@ -265,8 +265,9 @@ def load_policy(
         if {k: list(s.shape or ()) for k, s in observation_space.spaces.items()} != shapes or action_space.shape != (
             action_size,
         ):
+            own = f" with {dict(options)}" if options else ""
             raise PolicyFileError(
-                f"{folder}: trained on {env} ({shapes}, {action_size} actions), which does not fit {env_id}"
+                f"{folder}: trained on {env} ({shapes}, {action_size} actions), which does not fit {env_id}{own}"
             )
     data = weights.read_bytes()
     if hashlib.sha256(data).hexdigest() != digest:

@@ -11,8 +11,18 @@ import os
 from tensegrity_envs.rendering.colours import tension_colour
 from tensegrity_envs.rendering.picture import draw
 from tensegrity_envs.rendering.scene import Scene, View, checked_size, frame_around
-from tensegrity_envs.rendering.window import DisplayError, Viewer
+from tensegrity_envs.rendering.window import DisplayError, Viewer, need_display
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # the line that it prints when imported
 
-__all__ = ["DisplayError", "Scene", "View", "Viewer", "checked_size", "draw", "frame_around", "tension_colour"]
+__all__ = [
+    "DisplayError",
+    "Scene",
+    "View",
+    "Viewer",
+    "checked_size",
+    "draw",
+    "frame_around",
+    "need_display",
+    "tension_colour",
+]

@@ -11,6 +11,23 @@ class DisplayError(RuntimeError):
     """There is no display to open a window on."""
 
 
+_ADVICE = (
+    'set DISPLAY to a running display server, or use render_mode="rgb_array", which needs none '
+    "(Gymnasium's check_env: skip_render_check=True)"
+)
+
+
+def need_display() -> None:
+    """See that there seems to be a display, without opening a window.
+
+    Raises:
+        DisplayError: there is none.
+    """
+    drivers = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
+    if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in drivers):
+        raise DisplayError(f"no display to open a window on: {_ADVICE}")
+
+
 class Viewer:
     """A window that shows scenes."""
 
@@ -20,10 +37,7 @@ class Viewer:
         Raises:
             DisplayError: there is no display.
         """
-        advice = 'set DISPLAY to a running display server, or use render_mode="rgb_array", which needs none'
-        drivers = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
-        if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in drivers):
-            raise DisplayError(f"no display to open a window on: {advice}")
+        need_display()
         import pygame
 
         try:
@@ -31,10 +45,10 @@ class Viewer:
             # SDL falls back to invisible windows where it cannot reach the display server; some tests ask for them.
             if pygame.display.get_driver() in {"offscreen", "dummy"} and not os.environ.get("SDL_VIDEODRIVER"):
                 pygame.display.quit()
-                raise DisplayError(f"the display server does not answer: {advice}")
+                raise DisplayError(f"the display server does not answer: {_ADVICE}")
             self._window: pygame.Window | None = pygame.Window(title, size)
         except pygame.error as error:
-            raise DisplayError(f"cannot open a window ({error}): {advice}") from error
+            raise DisplayError(f"cannot open a window ({error}): {_ADVICE}") from error
         self._size, self._clock = size, pygame.time.Clock()
 
     @property

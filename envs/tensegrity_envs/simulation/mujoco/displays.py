@@ -4,6 +4,8 @@ import ctypes
 import os
 import sys
 
+from tensegrity_envs.rendering.window import DisplayError
+
 GL_HELP = (
     "install a GL library that draws without a display (Debian: apt install libegl1 libopengl0 libgl1-mesa-dri, or "
     "libosmesa6), and if mujoco is imported before tensegrity_envs makes an environment, set MUJOCO_GL=egl (or osmesa)"
@@ -43,10 +45,11 @@ def require_display() -> None:
     """Raise unless a window can be opened: without a display MuJoCo's viewer would end the whole process.
 
     Raises:
-        RuntimeError: there is no display.
+        DisplayError: there is no display.
     """
     if not has_display():
-        raise RuntimeError(
-            "render_mode = 'human': neither DISPLAY nor WAYLAND_DISPLAY is set; use render_mode='rgb_array', "
-            "or a virtual display (Debian: apt install xvfb, then xvfb-run -a python ...)"
+        raise DisplayError(
+            "no display to open MuJoCo's viewer on: neither DISPLAY nor WAYLAND_DISPLAY is set; use "
+            "render_mode='rgb_array' (Gymnasium's check_env: skip_render_check=True), or a virtual display (Debian: "
+            "apt install xvfb, then xvfb-run -a python ...)"
         )
