@@ -88,8 +88,8 @@ def test_adapter_hands_on_what_ppo_needs():
 
 def test_failed_episodes_are_begun_again():
     """The same episode, in about the given share of cases; what succeeded is followed by the next one."""
-    envs = VectorEnvAdapter.make("tensegrity/TwoXPostureChange-v0", 64, repeat_failed=0.75, max_episode_steps=40)
-    planner = make_controller("planner", "tensegrity/TwoXPostureChange-v0")
+    envs = VectorEnvAdapter.make("tensegrity/TwoXReach-v0", 64, repeat_failed=0.75, max_episode_steps=30)
+    planner = make_controller("closed_form_ik", "tensegrity/TwoXReach-v0")
     envs.seed(3)
     seen, state, start = envs.reset(), None, np.ones(64, bool)
     half = np.arange(64) < 32  # which the planner drives
