@@ -29,7 +29,7 @@ REFERENCE = "Reacher-v5"
 MOVING = tuple(env_id for env_id in tensegrity_envs.ENV_IDS if "MuJoCo" in env_id)
 RESTING = tuple(env_id for env_id in tensegrity_envs.ENV_IDS if env_id not in MOVING)
 _PARTS = {
-    ("core", "step"): "physics and reward",
+    ("batch", "step"): "physics and reward",
     ("episodes", "begin"): "new episodes",
     ("vector_env", "_observation"): "observations",
     ("vector_env", "_info"): "info",

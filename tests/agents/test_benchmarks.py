@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from tensegrity_agents.benchmark import shares
 from tensegrity_agents.benchmark_against import against
 from tensegrity_agents.config import ConfigError
 
@@ -27,3 +28,10 @@ def test_a_build_is_compared_with_itself():
     ]
     assert all(line.ours > 0 and line.ratio > 0 for line in lines)
     assert told[-1] == f"{ids[1]}: the other checkout does not have it"
+
+
+def test_where_a_vector_step_goes_is_found():
+    """Every part of it has a share of the time, and they are all of it."""
+    found = shares("tensegrity/TwoXReach-v0", 64, 20)
+    assert sum(found.values()) == pytest.approx(1.0)
+    assert min(found.values()) > 0
