@@ -32,7 +32,7 @@ def run(folder, **environment):
         capture_output=True,
         text=True,
         check=True,
-        env=os.environ | {"TENSEGRITY_CACHE_DIR": str(folder)} | environment,
+        env=os.environ | {"TENSEGRITY_CACHE_DIR": str(folder), "TENSEGRITY_QUIET": "1"} | environment,
     )
     assert not done.stderr, done.stderr
     *numbers, made = done.stdout.split()
