@@ -91,7 +91,6 @@ class VectorEnvAdapter(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """Take the step."""
-        numbers = self.shell.episode_numbers if self._repeat_failed else None
         observation, reward, terminated, truncated, info = self.envs.step(self._actions)
         done = terminated | truncated
         infos = _each(info, range(self.num_envs)) if self._full_info else [{} for _ in range(self.num_envs)]
@@ -101,19 +100,20 @@ class VectorEnvAdapter(VecEnv):
                 infos[i] = last
                 infos[i]["terminal_observation"] = info["final_obs"][i]
                 infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
-            if numbers is not None:
+            if self._repeat_failed:
                 failed = ended[[not infos[i]["is_success"] for i in ended]]
                 again = failed[np.random.random(len(failed)) < self._repeat_failed]  # noqa: NPY002
                 if len(again):
-                    observation = self._begun_again(again, numbers)
+                    observation = self._begun_again(again)
         return observation, reward.astype(np.float32), done, infos
 
-    def _begun_again(self, index: np.ndarray, numbers: np.ndarray) -> dict[str, np.ndarray]:
-        """Begin the episodes with these numbers in the environments at `index`; the observations of all."""
-        chosen = np.isin(np.arange(self.num_envs), index)
-        episode = [int(number) if is_chosen else None for number, is_chosen in zip(numbers, chosen, strict=True)]
+    def _begun_again(self, index: np.ndarray) -> dict[str, np.ndarray]:
+        """Begin the episodes that have just ended in the environments at `index` once more; the observations of all."""
+        again = np.zeros(self.num_envs, bool)
+        again[index] = True
+        episode = np.where(again, self.shell.episode_numbers - 1, 0)  # the next ones are running already
         observation: dict[str, np.ndarray]
-        observation, _ = self.envs.reset(options={"reset_mask": chosen, "episode": episode})
+        observation, _ = self.envs.reset(options={"reset_mask": again, "episode": episode})
         return observation
 
     def close(self) -> None:

@@ -5,6 +5,7 @@ and with equal joints h^2 divides it; what is left is the quartic of [Furet2018,
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,29 +62,36 @@ def solve(arm: Pair, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, tuple[np
     keep = (residual < rounding) & (np.maximum(np.abs(a1), np.abs(a2)) <= arm.design.joint_limit)
     if arm.design.joint_limit <= math.pi:  # which leaves the flat poses out
         keep &= np.maximum(np.abs(a1), np.abs(a2)) < math.pi - 1e-9
-    owner, a1, a2, residual = (values[keep] for values in (owner, a1, a2, residual))
-    order = np.lexsort((residual, owner)) if equal_bars else order_within(owner, a1, a2)
-    owner, a1, a2, residual = (values[order] for values in (owner, a1, a2, residual))
+    found = _Candidates(owner, a1, a2, residual).at(keep)
     if equal_bars:
-        new = _leaders(arm, x, y, owner, a1, a2, residual)
+        found = found.at(np.lexsort((found.residual, found.owner)))
+        found = found.at(_leaders(arm, x, y, found)).in_order()
     else:
-        new = _new_solutions(arm, x, y, owner, a1, a2, residual)
-    kept = np.flatnonzero(new)
-    if equal_bars:
-        kept = kept[order_within(owner[kept], a1[kept], a2[kept])]
-    return owner[kept], (a1[kept], a2[kept]), residual[kept]
+        found = found.in_order()
+        found = found.at(_new_solutions(arm, x, y, found))
+    return found.owner, (found.a1, found.a2), found.residual
 
 
-def _new_solutions(
-    arm: Pair,
-    x: np.ndarray,
-    y: np.ndarray,
-    owner: np.ndarray,
-    a1: np.ndarray,
-    a2: np.ndarray,
-    residual: np.ndarray,
-) -> np.ndarray:
+class _Candidates(NamedTuple):
+    """What may be solutions: index of the target, angles [rad] and residual [m], each of shape (n,)."""
+
+    owner: np.ndarray
+    a1: np.ndarray
+    a2: np.ndarray
+    residual: np.ndarray
+
+    def at(self, index: np.ndarray) -> "_Candidates":
+        """Those at `index`, or where it is true."""
+        return _Candidates(*(values[index] for values in self))
+
+    def in_order(self) -> "_Candidates":
+        """By target, and by angles within each."""
+        return self.at(order_within(self.owner, self.a1, self.a2))
+
+
+def _new_solutions(arm: Pair, x: np.ndarray, y: np.ndarray, found: _Candidates) -> np.ndarray:
     """Which candidates are solutions of their own; others differ by rounding, sqrt(eps) at a double root."""
+    owner, a1, a2, residual = found
     new = np.ones(len(owner), bool)
     for lag in range(1, len(owner)):
         same = owner[lag:] == owner[:-lag]
@@ -105,20 +113,13 @@ def _new_solutions(
     return new
 
 
-def _leaders(
-    arm: Pair,
-    x: np.ndarray,
-    y: np.ndarray,
-    owner: np.ndarray,
-    a1: np.ndarray,
-    a2: np.ndarray,
-    residual: np.ndarray,
-) -> np.ndarray:
+def _leaders(arm: Pair, x: np.ndarray, y: np.ndarray, found: _Candidates) -> np.ndarray:
     """The same for nearly equal bars, whose solutions are long valleys; the best candidates come first.
 
     A candidate belongs to a better one where the tip, all the way between them along the valley's floor, is no
     further from the target than at the worse of the two, or than rounding.
     """
+    owner, a1, a2, residual = found
     new = np.zeros(len(owner), bool)
     left = np.arange(len(owner))
     rounding = _VALLEY * arm.reach
