@@ -28,8 +28,8 @@ CLEARED = (TwoX, NX, DualTriangle)
 _OBJECTIVES = ("clearance", "sum", "max", "squares", "margin")
 _LARGER_IS_BETTER = ("clearance", "margin")
 _STARTS = 200
-_SAME = {3: 1e-4}  # [rad]: of as many joints; of more, slides end as near to one another as this:
-_NEARLY = 0.05
+_SAME = 1e-4  # [rad]: optima of three joints that are no further apart
+_NEARLY = 0.05  # [rad]: ends of slides of more joints, likewise
 
 
 class ClearSolution(NamedTuple):
@@ -106,7 +106,7 @@ def clear_solutions(
     gaps, value = gap(q), measure(q, np.zeros(q.shape[1], int))
     index = np.flatnonzero((gaps > least) & np.isfinite(value))
     if joints > 2:
-        apart = _SAME.get(joints, _NEARLY)
+        apart = _SAME if joints == 3 else _NEARLY
         index = index[grouped(np.zeros(len(index), int), q[:, index], value[index], apart)]
     else:
         index = index[np.argsort(value[index], kind="stable")]
