@@ -16,7 +16,7 @@ from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.geometry.clearance import Obstacle, clearance
 from tensegrity_envs.mechanics.checks import check_finite, check_single
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle
-from tensegrity_envs.mechanics.dual_triangle.local_optima import grouped, slide
+from tensegrity_envs.mechanics.dual_triangle.local_optima import GROUP, SAME, grouped, slide
 from tensegrity_envs.mechanics.dual_triangle.local_optima import starts as triangle_starts
 from tensegrity_envs.mechanics.n_x import NX
 from tensegrity_envs.mechanics.n_x.postures import postures_at
@@ -28,8 +28,6 @@ CLEARED = (TwoX, NX, DualTriangle)
 _OBJECTIVES = ("clearance", "sum", "max", "squares", "margin")
 _LARGER_IS_BETTER = ("clearance", "margin")
 _STARTS = 200
-_SAME = 1e-4  # [rad]: optima of three joints that are no further apart
-_NEARLY = 0.05  # [rad]: ends of slides of more joints, likewise
 
 
 class ClearSolution(NamedTuple):
@@ -106,7 +104,7 @@ def clear_solutions(
     gaps, value = gap(q), measure(q, np.zeros(q.shape[1], int))
     index = np.flatnonzero((gaps > least) & np.isfinite(value))
     if joints > 2:
-        apart = _SAME if joints == 3 else _NEARLY
+        apart = SAME if joints == 3 else GROUP
         index = index[grouped(np.zeros(len(index), int), q[:, index], value[index], apart)]
     else:
         index = index[np.argsort(value[index], kind="stable")]

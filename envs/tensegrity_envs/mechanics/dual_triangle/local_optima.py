@@ -19,9 +19,9 @@ from tensegrity_envs.mechanics.n_x.redundancy import Measure, measure_of, progra
 STARTS = 64
 _SLIDES = 120
 _FIRST_STEP, _LAST_STEP = 0.2, 1e-4  # [rad] of a slide
-_GROUP = 0.05  # [rad]: slides that end as near together are taken for one
+GROUP = 0.05  # [rad]: slides that end as near together are taken for one
 _MOST_GROUPS = {"sum": 12, "max": 12, "squares": 12, "margin": 5}  # of a target: the best ones
-_SAME = 1e-4  # [rad]
+SAME = 1e-4  # [rad]: optima that are no further apart are one
 
 
 def postures(arm: Any, first: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -112,7 +112,7 @@ def optima(
         q, value = walk(arm, q, owner, x, y, measure, limit)
     elif len(owner):
         q, value = slide(arm, q, owner, x, y, measure, limit)
-        best = grouped(owner, q, value, _GROUP, _MOST_GROUPS[objective])
+        best = grouped(owner, q, value, GROUP, _MOST_GROUPS[objective])
         owner, q, value = owner[best], q[:, best], value[best]
         ends = [
             programme(arm, column, (float(x[i]), float(y[i])), start[:, i], objective, load, limit)
@@ -124,7 +124,7 @@ def optima(
         q, value = np.where(keep, found, q), np.where(keep, after, value)
     else:
         value = np.zeros(0)
-    kept = grouped(owner, q, value, _SAME)
+    kept = grouped(owner, q, value, SAME)
     return owner[kept], q[:, kept], (-value[kept] if objective == "margin" else value[kept])
 
 
