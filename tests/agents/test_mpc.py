@@ -18,7 +18,10 @@ def test_it_reaches_with_noise_and_delay(env_id):
 
 @pytest.mark.parametrize(
     ("name", "env_id"),
-    [*(("mpc", env_id) for env_id in IDS), ("lqg", "tensegrity/DualTriangleFastReachMuJoCo-v0")],
+    [
+        *(("mpc", env_id) for env_id in IDS),
+        *((name, "tensegrity/DualTriangleFastReachMuJoCo-v0") for name in ("lqg", "identifying_observer")),
+    ],
 )
 def test_hidden_parameters_do_not_reach_the_controller(name, env_id):
     """Other arms, loads and delays behind the same observations: the same actions."""

@@ -69,11 +69,12 @@ DYNAMIC: Makers = {
         "oracle": partial(Ramp, base=Oracle),
     },
 }
-# Fast tasks: the same, at full speed, too; ramps that wait for rest would be too late there.
+# Fast tasks: the same, at full speed, too.
 DYNAMIC["DualTriangleFastReach"] = {
     "closed_form_ramp": partial(Ramp, base=ClosedFormSquares),
     "pseudo_inverse": partial(Feedback, base=PseudoInverse),
     "observer": partial(Ramp, base=Observer),
+    "identifying_observer": partial(RestingRamp, base=Observer),
     "closed_form_shaped": partial(Shaped, base=ClosedFormSquares),
     "lqr": partial(Regulated, base=Observer),
     "lqg": partial(LQG, base=ClosedFormSquares),
