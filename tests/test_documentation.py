@@ -1,6 +1,10 @@
-"""Code blocks of README and docs run as written; commands name what there is, with options that there are."""
+"""Code blocks of README and docs run as written; commands name what there is, with options that there are.
+
+Commands that take less than a minute are run, too, with the full tier: pytest tests/test_documentation.py --full
+"""
 
 import importlib
+import os
 import re
 import shlex
 import subprocess
@@ -20,6 +24,26 @@ PACKAGES = (ROOT / "envs" / "tensegrity_envs", ROOT / "agents" / "tensegrity_age
 ROOMS = {*(one.name for one in PACKAGES), *(path.stem for one in PACKAGES for path in one.iterdir())} - {"env"}
 HOLDING = ("envs", "agents", "scripts", "tests", "examples", "findings", "docs")
 FILES = {path.name for folder in HOLDING for ending in ("py", "sh") for path in (ROOT / folder).rglob(f"*.{ending}")}
+
+# Commands of the pages that no test runs as they are: how they begin, and why.
+LONGER = {
+    "make": "what it does is run by the tests of the script that it calls, or is this run",
+    "tensegrity watch TwoXReach-v0": "opens a window; with --record it is run",
+    "tensegrity play": "opens a window",
+    "tensegrity train": "trains for minutes",
+    "tensegrity compare": "trains for minutes",
+    "tensegrity campaign": "trains for minutes",
+    "tensegrity matrix --out results/matrix": "draws what a campaign has measured",
+    "tensegrity transfer": "needs trained agents",
+    "tensegrity search": "trains for minutes",
+    "tensegrity bench": "measures speeds for minutes",
+    "scripts/train.py": "trains for minutes",
+    "scripts/compare.py": "trains for minutes",
+    "scripts/campaign.py": "trains for minutes",
+    "scripts/transfer.py": "needs trained agents",
+    "scripts/tune.py": "searches for minutes",
+    "scripts/benchmark.py": "measures speeds for minutes",
+}
 
 
 def blocks(language: str) -> list[tuple[str, str]]:
@@ -89,6 +113,66 @@ def test_commands_are_understood(place, command):
         find_experiment(None, context.params["env"], ROOT / "configs")
     if context.params.get("config"):
         assert (ROOT / context.params["config"]).is_file(), place
+
+
+def program_and_arguments(command: str) -> list[str]:
+    """The words of a command after Python, with an example for each placeholder."""
+    words = shlex.split(command.replace("<id>", "TwoXReach-v0").replace("<name>", "oracle"))
+    examples = {"ID": "TwoXReach-v0", "NAME": "oracle"}
+    words = [examples.get(word, word) for word in words if word not in ("...", "…")]
+    return words[1:] if words[0].endswith(("python", "python3")) else words
+
+
+def reason_not_run(command: str) -> str | None:
+    """Why a command is not run as it is; None where it is."""
+    text = " ".join(program_and_arguments(command))
+    if re.fullmatch(r"tensegrity (?!list)\w+", text):
+        return "a mere mention"
+    if "--record" in text.split():
+        return None
+    return next((why for begins, why in LONGER.items() if f"{text} ".startswith(f"{begins} ")), None)
+
+
+def runnable() -> list[tuple[str, str]]:
+    """The commands that are run, each once."""
+    found = {command: place for place, command in reversed(commands()) if reason_not_run(command) is None}
+    return sorted((place, command) for command, place in found.items())
+
+
+def test_every_reason_not_to_run_is_needed():
+    texts = [" ".join(program_and_arguments(command)) for _, command in commands()]
+    for begins in LONGER:
+        assert any(f"{text} ".startswith(f"{begins} ") for text in texts), begins
+    assert len(runnable()) > 25
+
+
+@pytest.fixture(scope="module")
+def readers_folder(tmp_path_factory):
+    """A folder with the files that the pages let a reader write."""
+    folder = tmp_path_factory.mktemp("reader")
+    for _, code in blocks("python"):
+        if named := re.match(r"# (\w+\.py)\n", code):
+            (folder / named[1]).write_text(code)
+    (folder / "my_arm.yaml").write_text("b: 0.05\n")
+    return folder
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("place", "command"), runnable(), ids=[f"{place} {command[:60]}" for place, command in runnable()]
+)
+def test_commands_run(place, command, readers_folder):
+    program, *arguments = program_and_arguments(command)
+    if program == "tensegrity":
+        called = [sys.executable, "-c", "from tensegrity_envs.program import run; run()", *arguments]
+    else:
+        called = [sys.executable, str(ROOT / program), *arguments]
+    path = os.pathsep.join([str(readers_folder), *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(
+        called, cwd=readers_folder, env=os.environ | {"PYTHONPATH": path},
+        capture_output=True, text=True, check=False, timeout=600,
+    )  # fmt: skip
+    assert done.returncode == 0, f"{place}: {command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
 
 
 def test_links_lead_somewhere():
