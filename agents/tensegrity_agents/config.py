@@ -84,6 +84,14 @@ class TeacherSettings(_Strict):
     replan_after: int = Field(25, ge=1, description="steps after which the teacher plans anew")
 
 
+class PrivilegedSettings(_Strict):
+    """What training alone is told: load, draws of the episode and the true state. See `sb3.privileged`."""
+
+    identify: float = Field(
+        0.5, ge=0, description="weight of the error with which the policy's last hidden layer estimates them"
+    )
+
+
 class OffPolicySettings(_Strict):
     """Stable-Baselines3's SAC and TD3, sb3-contrib's TQC and CrossQ, with their names."""
 
@@ -139,6 +147,9 @@ class TrainConfig(_Strict):
     teacher: TeacherSettings | None = Field(
         None, description="shows the agent what to do before PPO begins; see sb3.teacher_student"
     )
+    privileged: PrivilegedSettings | None = Field(
+        None, description="hidden numbers for the value function and for an estimate while training; ppo only"
+    )
     env_options: dict[str, Any] = Field(
         {},
         description="further arguments of the environment while training; its design, randomization, tolerance and "
@@ -157,6 +168,12 @@ class TrainConfig(_Strict):
     def _takes_goals(self) -> "TrainConfig":
         if self.algorithm == "crossq" and self.off_policy.her:
             raise ValueError("off_policy: crossq sees observations as one vector, without goals to change: her: false")
+        return self
+
+    @model_validator(mode="after")
+    def _is_told(self) -> "TrainConfig":
+        if self.privileged is not None and (self.algorithm != "ppo" or self.ppo.ent_coef):
+            raise ValueError("privileged: needs algorithm: ppo and ent_coef: 0, in whose place the estimate is learned")
         return self
 
     @model_validator(mode="after")

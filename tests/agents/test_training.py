@@ -239,6 +239,10 @@ VARIANTS = {
         },
         "randomization": {"actuation_delay": [0, 2], "tip_noise": 0.001},
     },
+    "told": {
+        "env": "tensegrity/DualTriangleLoadedReach-v0",
+        "train": SMALL["train"] | {"segment_timesteps": 500_000, "history": 1, "privileged": {"identify": 0.5}},
+    },
     "randomized": SMALL
     | {"randomization": {"stiffness": [0.9, 1.1], "actuation_delay": [0, 2], "tip_noise": 0.001}, "tolerance": 0.02},
 }

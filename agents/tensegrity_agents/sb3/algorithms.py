@@ -15,6 +15,7 @@ from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.flat import FlatVecEnv
 from tensegrity_agents.sb3.levels import LevelsVecEnv
 from tensegrity_agents.sb3.policy_file import POLICIES, augmentations, flattening, policy_kwargs
+from tensegrity_agents.sb3.privileged import PRIVILEGED, PrivilegedExtractor, PrivilegedPolicy, PrivilegedVecEnv
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 
 _MODELS: dict[str, Any] = {
@@ -32,12 +33,17 @@ def make_environment(experiment: Experiment) -> VecNormalize:
     settings, options = experiment.train, experiment.training_options
     described = {"env": experiment.env, "options": experiment.options, **settings.model_dump(mode="json")}
     env = _plain(experiment, options)
+    keys = ["observation"]
+    if settings.privileged is not None:
+        assert isinstance(env, VectorEnvAdapter | LevelsVecEnv)
+        env = PrivilegedVecEnv(env)
+        keys.append(PRIVILEGED)
     for augmentation in augmentations(described):
         env = AugmentedVecEnv(env, augmentation)
     flat = flattening(described)
     if flat is not None:
         return VecNormalize(VecMonitor(FlatVecEnv(env, flat)), norm_reward=False)
-    return VecNormalize(VecMonitor(env), norm_obs_keys=["observation"], norm_reward=False)
+    return VecNormalize(VecMonitor(env), norm_obs_keys=keys, norm_reward=False)
 
 
 def _plain(experiment: Experiment, options: dict[str, Any]) -> VecEnv:
@@ -65,10 +71,13 @@ def make_model(experiment: Experiment, env: VecNormalize, seed: int) -> BaseAlgo
     settings = experiment.train
     own = _on_policy(experiment) if settings.is_on_policy else _off_policy(experiment, env)
     kwargs = policy_kwargs(settings.model_dump(mode="json")) | own.pop("policy_kwargs", {})
+    policy = POLICIES[settings.algorithm]
+    if settings.privileged is not None:
+        policy = PrivilegedPolicy
+        kwargs |= {"features_extractor_class": PrivilegedExtractor, "identify": settings.privileged.identify}
+        own["ent_coef"] = 1.0  # of the estimate, see PrivilegedPolicy
     algorithm = _MODELS[settings.algorithm]
-    model: BaseAlgorithm = algorithm(
-        POLICIES[settings.algorithm], env, policy_kwargs=kwargs, seed=seed, device="cpu", **own
-    )
+    model: BaseAlgorithm = algorithm(policy, env, policy_kwargs=kwargs, seed=seed, device="cpu", **own)
     return model
 
 

@@ -9,6 +9,7 @@ import torch
 from pydantic import BaseModel
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from tensegrity_agents.config import OffPolicySettings, PPOSettings, TeacherSettings, TrainConfig
@@ -17,6 +18,7 @@ from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.errors import TrainingError
 from tensegrity_agents.sb3.levels import LevelsVecEnv
 from tensegrity_agents.sb3.policy_file import statistics_of
+from tensegrity_agents.sb3.privileged import PRIVILEGED, PrivilegedVecEnv
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 from tensegrity_agents.whole_file import written_whole
 
@@ -58,11 +60,13 @@ def keep(path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNo
         so_far: how far the training has come.
     """
     rms = statistics_of(env)
+    told = _told(env)
     content = {
         "described": described,
         "parameters": model.get_parameters(),
         "entropy": getattr(model, "log_ent_coef", None),
         "normalization": {"mean": rms.mean, "var": rms.var, "count": float(rms.count)},
+        "told": None if told is None else {"mean": told.mean, "var": told.var, "count": float(told.count)},
         "num_timesteps": model.num_timesteps,
         "updates": getattr(model, "_n_updates", 0),
         **so_far._asdict(),
@@ -105,13 +109,13 @@ def _restored(content: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) 
     if found["teaching"] is not None:
         found["teaching"]["optimizer"] = content["teaching"]["optimizer"]  # which is Torch's own
     so_far = Progressed(**found)
-    saved = content["normalization"]
     model.set_parameters(content["parameters"], exact_match=True)
     if content["entropy"] is not None:
         off_policy: Any = model
         off_policy.log_ent_coef.data.copy_(content["entropy"].data)
-    rms = statistics_of(env)
-    rms.mean, rms.var, rms.count = saved["mean"].numpy(), saved["var"].numpy(), saved["count"]
+    for rms, saved in ((statistics_of(env), content["normalization"]), (_told(env), content.get("told"))):
+        if rms is not None:
+            rms.mean, rms.var, rms.count = saved["mean"].numpy(), saved["var"].numpy(), saved["count"]
     model.num_timesteps = content["num_timesteps"]
     if hasattr(model, "_n_updates"):
         model._n_updates = content["updates"]
@@ -120,9 +124,14 @@ def _restored(content: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) 
     return so_far
 
 
+def _told(env: VecNormalize) -> RunningMeanStd | None:
+    """The running statistics of what training alone is told; None if it is told nothing."""
+    return env.obs_rms.get(PRIVILEGED) if isinstance(env.obs_rms, dict) else None
+
+
 def running_state(model: BaseAlgorithm, env: VecNormalize) -> dict[str, Any]:
     """What a training on native environments depends on between two rollouts, beside model and normalization."""
-    monitor, augmented, adapter = _parts(env)
+    monitor, augmented, _, adapter = _parts(env)
     memories = [None if one.memory is None else list(one.memory) for one in augmented]
     return {
         "environments": adapter.shell.get_state(),
@@ -144,9 +153,11 @@ def _hidden_state(model: BaseAlgorithm) -> list[torch.Tensor] | None:
 
 def go_on(state: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> None:
     """Go on where `running_state` was taken."""
-    monitor, augmented, adapter = _parts(env)
+    monitor, augmented, privileged, adapter = _parts(env)
     monitor.venv.reset()  # which makes what the states go into
     adapter.shell.set_state(state["environments"])
+    if privileged is not None:
+        privileged.look()
     monitor.episode_returns, monitor.episode_lengths = state["returns"], state["lengths"]
     for one, memory in zip(augmented, state["memories"], strict=True):
         one.memory = None if memory is None else type(one.memory)(*memory)
@@ -179,10 +190,12 @@ def _defaults(model: type[BaseModel]) -> dict[str, Any]:
 
 def adapter_of(env: VecNormalize) -> VectorEnvAdapter | LevelsVecEnv:
     """The adapter within the wrappers of a training's environments."""
-    return _parts(env)[2]
+    return _parts(env)[3]
 
 
-def _parts(env: VecNormalize) -> tuple[VecMonitor, list[AugmentedVecEnv], VectorEnvAdapter | LevelsVecEnv]:
+def _parts(
+    env: VecNormalize,
+) -> tuple[VecMonitor, list[AugmentedVecEnv], PrivilegedVecEnv | None, VectorEnvAdapter | LevelsVecEnv]:
     """The wrappers and the adapter within."""
     monitor: Any = env.venv
     inner: Any = monitor.venv
@@ -190,7 +203,8 @@ def _parts(env: VecNormalize) -> tuple[VecMonitor, list[AugmentedVecEnv], Vector
     while isinstance(inner, AugmentedVecEnv):
         augmented.append(inner)
         inner = inner.venv
-    return monitor, augmented, inner
+    privileged = inner if isinstance(inner, PrivilegedVecEnv) else None
+    return monitor, augmented, privileged, inner if privileged is None else privileged.venv
 
 
 def _mapped(tree: Any, kind: type[Any], change: Callable[[Any], Any]) -> Any:

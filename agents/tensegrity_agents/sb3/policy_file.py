@@ -189,6 +189,17 @@ def policy_kwargs(description: Mapping[str, Any]) -> dict[str, Any]:
     return kwargs | ({"lstm_hidden_size": int(description["lstm_hidden_size"])} if algorithm == "recurrent_ppo" else {})
 
 
+def plain_policy(description: Mapping[str, Any]) -> Any:
+    """An untrained policy of Stable-Baselines3's or sb3-contrib's class.
+
+    Args:
+        description: of a policy or its training.
+    """
+    flat, (space, action_space) = flattening(description), _seen_spaces(description)
+    seen = space if flat is None else flat.space
+    return POLICIES[description["algorithm"]](seen, action_space, lambda _: 0.0, **policy_kwargs(description))
+
+
 def save_policy(folder: Path, agent: TrainedPolicy) -> None:
     """Write policy.safetensors and policy.json into a folder, each whole or not at all.
 
@@ -280,13 +291,7 @@ def load_policy(
         raise PolicyFileError(f"{weights}: not a safetensors file ({error})") from error
     try:
         mean, variance = (tensors.pop(_NORMALIZE + key).numpy() for key in ("mean", "variance"))
-        flat, (space, action_space) = flattening(description), _seen_spaces(description)
-        policy = POLICIES[algorithm](
-            space if flat is None else flat.space,
-            action_space,
-            lambda _: 0.0,
-            **policy_kwargs(description),
-        )
+        policy = plain_policy(description)
         policy.load_state_dict(tensors)
     except (KeyError, RuntimeError, TypeError, ValueError, gym.error.Error) as error:
         raise PolicyFileError(

@@ -47,7 +47,8 @@ from tensegrity_agents.sb3.curve import (
     write_curve,
 )
 from tensegrity_agents.sb3.errors import TrainingError, TrainingInterruptedError
-from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, save_policy
+from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, plain_policy, save_policy
+from tensegrity_agents.sb3.privileged import PrivilegedPolicy, actor_of
 from tensegrity_agents.sb3.stopping import stopping
 from tensegrity_agents.sb3.teacher_student import Lessons
 
@@ -194,7 +195,10 @@ class _Training(BaseCallback):
             "training_seconds": round(time.monotonic() - self.begun, 1),
             "train": settings.model_dump(mode="json"),
         }
-        return TrainedPolicy(self.algorithm.policy, Normalization.of(self.env), description)
+        policy = self.algorithm.policy
+        if isinstance(policy, PrivilegedPolicy):
+            policy = actor_of(policy, plain_policy(description))
+        return TrainedPolicy(policy, Normalization.of(self.env), description)
 
     def _on_rollout_start(self) -> None:
         self._between_rollouts()
