@@ -114,7 +114,7 @@ def _restored(content: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) 
         off_policy: Any = model
         off_policy.log_ent_coef.data.copy_(content["entropy"].data)
     for rms, saved in ((statistics_of(env), content["normalization"]), (_told(env), content.get("told"))):
-        if rms is not None:
+        if rms is not None and saved is not None:
             rms.mean, rms.var, rms.count = saved["mean"].numpy(), saved["var"].numpy(), saved["count"]
     model.num_timesteps = content["num_timesteps"]
     if hasattr(model, "_n_updates"):
@@ -204,7 +204,7 @@ def _parts(
         augmented.append(inner)
         inner = inner.venv
     privileged = inner if isinstance(inner, PrivilegedVecEnv) else None
-    return monitor, augmented, privileged, inner if privileged is None else privileged.venv
+    return monitor, augmented, privileged, inner.venv if privileged else inner
 
 
 def _mapped(tree: Any, kind: type[Any], change: Callable[[Any], Any]) -> Any:

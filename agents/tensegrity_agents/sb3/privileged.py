@@ -155,7 +155,8 @@ class _Asymmetric(MlpExtractor):
 
     def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
         """The last hidden layer of the policy."""
-        return self.policy_net(features[:, : self.actor_size])
+        latent: torch.Tensor = self.policy_net(features[:, : self.actor_size])
+        return latent
 
 
 class PrivilegedPolicy(MultiInputActorCriticPolicy):
