@@ -1,5 +1,6 @@
 """What training alone is told: the right numbers, seen by nobody who acts, and learned from."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
@@ -44,6 +45,18 @@ def test_the_load_the_draws_and_the_true_state_are_told(levels):
             assert own["design.k1"] == pytest.approx(500.0 * own["stiffness"], rel=1e-6)
             assert not any("noise" in name for name in own)
     assert ends > 3
+
+
+@pytest.mark.parametrize("env_id", [id for id in sorted(gym.registry) if id.startswith("tensegrity/")])
+def test_what_is_told_differs_between_episodes_on_every_id(env_id):
+    """Rows, not integers of a design such as its number of joints; only a load may be zero in all episodes."""
+    env = PrivilegedVecEnv(VectorEnvAdapter.make(env_id, 8))
+    env.seed(1)
+    told: dict = env.reset()
+    drawn = told[PRIVILEGED][:, : len(env.told.names)]
+    assert np.isfinite(told[PRIVILEGED]).all()
+    for name, values in zip(env.told.names, drawn.T, strict=True):
+        assert len(set(values)) > 1 or (name.startswith("load") and not values.any()), name
 
 
 def test_states_are_those_of_the_columns():

@@ -67,9 +67,11 @@ class Told:
 
 def _hidden(core: Core) -> dict[str, int | float]:
     """The row of each parameter of an episode, or the number itself where it is the same in all episodes."""
-    rows = core.episodes.rows
-    tree = {"design": rows.design, "load": rows.load, "rate": rows.load_rate, "onset": rows.onset, **rows.random}
-    return {name: row for name, row in _leaves(tree) if name not in _SEEDS}
+    numbered = np.arange(float(core.episodes.size))[:, None]  # an episode that has the numbers of its rows for values
+    episode = core.episodes.unpack(numbered)
+    tree = {"design": episode.design, "load": episode.load, "rate": episode.load_rate, "onset": episode.onset}
+    leaves = {name: value for name, value in _leaves(tree | episode.random) if name not in _SEEDS}
+    return {name: int(value[0]) if isinstance(value, np.ndarray) else float(value) for name, value in leaves.items()}
 
 
 def _nominal(name: str) -> float:
@@ -77,8 +79,8 @@ def _nominal(name: str) -> float:
     return 0.0 if "delay" in name else 1.0
 
 
-def _leaves(tree: Any, name: str = "") -> Iterator[tuple[str, int | float]]:
-    """The numbers in a tree, with names; rows are integers, constants are floats."""
+def _leaves(tree: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """The numbers and rows of a matrix in a tree, with names."""
     if is_dataclass(tree):
         tree = {field.name: getattr(tree, field.name) for field in fields(tree)}
     if isinstance(tree, list | tuple):
@@ -86,7 +88,7 @@ def _leaves(tree: Any, name: str = "") -> Iterator[tuple[str, int | float]]:
     if isinstance(tree, dict):
         for key, part in tree.items():
             yield from _leaves(part, f"{name}.{key}".lstrip("."))
-    elif isinstance(tree, int | float) and not isinstance(tree, bool):
+    elif isinstance(tree, int | float | np.ndarray) and not isinstance(tree, bool):
         yield name, tree
 
 
