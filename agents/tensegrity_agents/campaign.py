@@ -10,6 +10,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,6 +33,8 @@ from tensegrity_envs.uncertainty import LEVELS
 
 FLAGS = "test_successes.txt"  # of a kept policy: one digit for each test episode
 _CPU = "cpu_seconds.json"
+# The first test episodes alone are measured of controllers whose actions take long.
+FEWER_EPISODES = {"mpc": 200}
 
 
 class Task(NamedTuple):
@@ -41,11 +44,13 @@ class Task(NamedTuple):
         experiment: of its id.
         seed: of the training; None for a controller.
         controller: its name; "" for a training.
+        only: levels of uncertainty to measure beside the environment as it is; by default all that it has.
     """
 
     experiment: Experiment
     seed: int | None
     controller: str = ""
+    only: tuple[int, ...] | None = None
 
     @property
     def short_id(self) -> str:
@@ -58,13 +63,26 @@ class Task(NamedTuple):
         return f"agent-{self.seed}" if self.seed is not None else self.controller.replace(":", "-")
 
     @property
+    def episodes(self) -> int:
+        """How many test episodes are measured, the first ones."""
+        return min(self.experiment.episodes, FEWER_EPISODES.get(self.controller, self.experiment.episodes))
+
+    @property
     def config(self) -> str:
         """Hash of all that the row depends on."""
         given = self.experiment
-        settings = {"env": given.env, "options": given.options, "episodes": given.episodes}
+        settings = {"env": given.env, "options": given.options, "episodes": self.episodes}
         if self.seed is None:
             return hash_of(settings | {"controller": self.controller})
         return hash_of(settings | {"seed": self.seed, "train": _settings(given)})
+
+    @property
+    def levels(self) -> list[str]:
+        """Those to measure; "" is the environment as it is."""
+        given = self.experiment
+        own = gym.spec(given.env).kwargs.get("level")
+        varied = (own is not None or given.train.levels is not None) and given.level is None
+        return ["", *(str(k) for k in range(len(LEVELS)) if varied and (self.only is None or k in self.only))]
 
     def home(self, results: Path) -> Path:
         """Where it is trained: not where another config was."""
@@ -77,7 +95,16 @@ class Task(NamedTuple):
         return records / self.short_id / f"{self.name}.json"
 
     def kept(self, records: Path) -> Record | None:
-        """Its record, if there is one of this config.
+        """Its record, if there is one of this config with all its levels.
+
+        Raises:
+            ValueError: the file there is no record.
+        """
+        record = self.begun(records)
+        return record if record is not None and set(self.levels) <= set(record.successes) else None
+
+    def begun(self, records: Path) -> Record | None:
+        """The same, though levels are missing.
 
         Raises:
             ValueError: the file there is no record.
@@ -94,14 +121,23 @@ def _settings(experiment: Experiment) -> dict[str, Any]:
     return experiment.train.model_dump(mode="json", exclude_defaults=True)
 
 
-def tasks_of(experiment: Experiment, agents: bool = True, controllers: bool = True) -> list[Task]:
-    """The rows of an id: its seeds, then its controllers."""
-    found = [Task(experiment, seed) for seed in experiment.seeds] if agents else []
-    return found + ([Task(experiment, None, name) for name in experiment.compared] if controllers else [])
+def tasks_of(
+    experiment: Experiment, agents: bool = True, controllers: bool = True, levels: tuple[int, ...] | None = None
+) -> list[Task]:
+    """The rows of an id: its seeds, then its controllers.
+
+    Args:
+        experiment: of the id.
+        agents: whether its seeds are wanted.
+        controllers: whether its controllers are.
+        levels: see `Task.only`.
+    """
+    found = [Task(experiment, seed, "", levels) for seed in experiment.seeds] if agents else []
+    return found + ([Task(experiment, None, name, levels) for name in experiment.compared] if controllers else [])
 
 
 def measure(task: Task, results: Path, records: Path, progress: Progress) -> Record:
-    """Train (or go on, or load) and evaluate one row, and keep its record.
+    """Train (or go on, or load) and evaluate one row, and keep its record, level by level.
 
     Args:
         task: the row.
@@ -109,53 +145,57 @@ def measure(task: Task, results: Path, records: Path, progress: Progress) -> Rec
         records: of rows, records/<id>/<name>.json.
         progress: called while it works.
     """
-    experiment = task.experiment
+    experiment, more = task.experiment, dict[str, Any]()
     if task.seed is None:
         controller = make_controller(task.controller, experiment.env, experiment.options)
-        runs = _evaluated(task, lambda options: make_controller(task.controller, experiment.env, options), progress)
-        record = recorded(runs, experiment.env, task.config)
-        knows = str(getattr(controller, "knows", ""))
+        make: Callable[[dict[str, Any]], Controller] = partial(make_controller, task.controller, experiment.env)
+        more["knows"] = str(getattr(controller, "knows", ""))
     else:
         home = task.home(results)
         with _counting(home):
             agent = train_agents(experiment.changed(seeds=[task.seed]), home.parent, progress)[task.seed]
-        runs = _evaluated(task, lambda _: agent, progress)
+
+        def make(_: dict[str, Any]) -> Controller:
+            return agent
+
         about = agent.description
-        record = recorded(
-            runs,
-            experiment.env,
-            task.config,
-            seed=task.seed,
-            frames=about["timesteps"],
-            cpu_seconds=_cpu_seconds(home),
-            wall_seconds=about["training_seconds"],
-        )
-        knows = agent.knows
-    record = Record(**{**vars(record), "knows": knows})
-    record.write(task.file(records))
+        more = {
+            "knows": agent.knows,
+            "seed": task.seed,
+            "frames": about["timesteps"],
+            "cpu_seconds": _cpu_seconds(home),
+            "wall_seconds": about["training_seconds"],
+        }
+    record = task.begun(records)
+    own = str(gym.spec(experiment.env).kwargs.get("level") or 0)
+    for level in task.levels:
+        if record is None:
+            record = recorded({level: _evaluated(task, make, level, progress)}, experiment.env, task.config, **more)
+        elif level == own and level not in record.successes:
+            record = record.with_level(level, record, "")
+        elif level not in record.successes:
+            run = _evaluated(task, make, level, progress)
+            record = record.with_level(level, recorded({"": run}, experiment.env, task.config), "")
+        record.write(task.file(records))
+    assert record is not None
     return record
 
 
-def _evaluated(task: Task, make: Callable[[dict[str, Any]], Controller], progress: Progress) -> dict[str, Run]:
-    """One run for every level of uncertainty; "" is the environment as it is."""
+def _evaluated(task: Task, make: Callable[[dict[str, Any]], Controller], level: str, progress: Progress) -> Run:
+    """The run at a level of uncertainty; "" is the environment as it is."""
     experiment = task.experiment
-    has_levels = gym.spec(experiment.env).kwargs.get("level") is not None or experiment.train.levels is not None
-    uncertain = has_levels and experiment.level is None
-    runs = {}
-    for level in ["", *(str(k) for k in range(len(LEVELS)) if uncertain)]:
-        options = experiment.options | ({"level": int(level)} if level else {})
-        what = f"{task.short_id} {task.name}{f', level {level}' if level else ''}"
-        runs[level] = evaluate(
-            make(options),
-            experiment.env,
-            experiment.episodes,
-            TEST_SEED,
-            agent_name(experiment) if task.seed is not None else task.controller,
-            "agent" if task.seed is not None else kind_of(task.controller),
-            options,
-            lambda done, total, what=what: progress(what, done, total, "evaluated"),  # type: ignore[misc]
-        )
-    return runs
+    options = experiment.options | ({"level": int(level)} if level else {})
+    what = f"{task.short_id} {task.name}{f', level {level}' if level else ''}"
+    return evaluate(
+        make(options),
+        experiment.env,
+        task.episodes,
+        TEST_SEED,
+        agent_name(experiment) if task.seed is not None else task.controller,
+        "agent" if task.seed is not None else kind_of(task.controller),
+        options,
+        lambda done, total: progress(what, done, total, "evaluated"),
+    )
 
 
 class _counting:

@@ -84,13 +84,13 @@ def _sending(folder: Path, send: Callable[[dict[str, bytes]], object]) -> Iterat
         thread.join()
 
 
-def measure_apart(settings: dict[str, Any], seed: int | None, controller: str, keeper: Any) -> bytes:
+def measure_apart(settings: dict[str, Any], row: dict[str, Any], begun: bytes | None, keeper: Any) -> bytes:
     """Measure a row on a node of the cluster.
 
     Args:
         settings: of the experiment.
-        seed: of the training; None for a controller.
-        controller: its name.
+        row: the other fields of the `Task`.
+        begun: the file of its record, as far as there is one.
         keeper: handle of the actor that keeps files.
 
     Returns:
@@ -98,16 +98,18 @@ def measure_apart(settings: dict[str, Any], seed: int | None, controller: str, k
     """
     import ray
 
-    task = Task(Experiment(**settings), seed, controller)
+    task = Task(Experiment(**settings), **row)
     with TemporaryDirectory() as place:
         results, records = Path(place) / "results", Path(place) / "records"
         home = task.home(results)
         name = str(home.relative_to(results))
+        if begun is not None:
+            _write(task.file(records).parent, {task.file(records).name: begun})
 
         def send(files: dict[str, bytes]) -> None:
             ray.get(keeper.put.remote(name, files))
 
-        if seed is None:
+        if task.seed is None:
             measure(task, results, records, silent)
         else:
             _write(home, ray.get(keeper.get.remote(name)))
@@ -144,7 +146,10 @@ def run_on_cluster(
         begun = {}
         for task in todo:
             row = ray.remote(measure_apart).options(num_cpus=task.experiment.train.threads, max_retries=RETRIES)
-            begun[row.remote(task.experiment.model_dump(mode="json"), task.seed, task.controller, keeper)] = task
+            settings, fields = task.experiment.model_dump(mode="json"), task._asdict()
+            del fields["experiment"]
+            kept = task.file(records).read_bytes() if task.file(records).is_file() else None
+            begun[row.remote(settings, fields, kept, keeper)] = task
         waiting = list(begun)
         while waiting:
             (ready, *_), waiting = ray.wait(waiting)

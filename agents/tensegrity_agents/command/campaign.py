@@ -12,6 +12,7 @@ from tensegrity_agents.config import ConfigError, Experiment, known_env
 from tensegrity_agents.console import GO_ON, checked_folder, clear_errors, progress_bar, say
 from tensegrity_agents.evaluation.records import Record
 from tensegrity_agents.reporting.table import percent
+from tensegrity_envs.uncertainty import LEVELS, checked_level
 
 
 def main(
@@ -19,7 +20,14 @@ def main(
         str | None, typer.Option(help="comma-separated ids", show_default="all that have a config, quasi-static first")
     ] = None,
     seeds: Annotated[str | None, typer.Option(help="training seeds, such as 0,1,2", show_default="0,1,2,3,4")] = None,
-    only: Annotated[str, typer.Option(help="agents, controllers, or all")] = "all",
+    only: Annotated[str, typer.Option(help="agents, controllers, all, or names of controllers: informed,mpc")] = "all",
+    levels: Annotated[
+        str | None,
+        typer.Option(
+            help="levels of uncertainty, such as 0,2, beside the environment as it is",
+            show_default="all that an id has",
+        ),
+    ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="processes, at most one for each core")] = 1,
     ray: Annotated[
         str | None, typer.Option(help="address of a Ray cluster to measure on, such as auto or host:port")
@@ -42,18 +50,13 @@ def main(
     Example: tensegrity campaign --ids TwoXReach-v0,TwoXTensionReach-v0 --seeds 0,1,2 --jobs 2
     """
     with clear_errors(GO_ON):
-        if only not in ("agents", "controllers", "all"):
-            raise ConfigError(f"--only {only}: must be agents, controllers or all")
         for folder, option in ((results, "--results"), (records, "--records"), (policies, "--policies")):
             if folder is not None:
                 checked_folder(folder, option)
         chosen = parse_seeds(seeds or "0,1,2,3,4")
         experiments = [experiment.changed(seeds=chosen) for experiment in _experiments(ids)]
-        tasks = [
-            task
-            for experiment in experiments
-            for task in tasks_of(experiment, only in ("agents", "all"), only in ("controllers", "all"))
-        ]
+        chosen_levels = None if levels is None else _parse_levels(levels)
+        tasks = _only(only, [task for one in experiments for task in tasks_of(one, levels=chosen_levels)])
         failed: list[Task] = []
         with progress_bar() as progress:
             rows = run_campaign(tasks, results, records, progress, jobs)
@@ -71,6 +74,33 @@ def main(
         if failed:
             say("failed: " + ", ".join(f"{task.short_id} {task.name}" for task in failed))
             raise typer.Exit(1)
+
+
+def _only(what: str, tasks: list[Task]) -> list[Task]:
+    """The rows of agents, controllers, all, or of named controllers.
+
+    Raises:
+        ConfigError: there is no such controller.
+    """
+    if what == "all":
+        return tasks
+    if what in ("agents", "controllers"):
+        return [task for task in tasks if (task.seed is None) == (what == "controllers")]
+    names, known = what.split(","), list(dict.fromkeys(task.controller for task in tasks if task.seed is None))
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise ConfigError(
+            f"--only {what}: must be agents, controllers, all, or names of controllers of these ids, of which "
+            f"{unknown[0]!r} is none; there are {', '.join(known)}"
+        )
+    return [task for task in tasks if task.controller in names]
+
+
+def _parse_levels(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(checked_level(int(part)) for part in text.split(","))
+    except ValueError as error:
+        raise ConfigError(f"--levels {text}: must be whole numbers from 0 to {len(LEVELS) - 1}, such as 0,2") from error
 
 
 def _in_words(found: Record | Exception) -> str:

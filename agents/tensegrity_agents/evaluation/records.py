@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,12 @@ class Record:
     cpu_seconds: float | None = None
     wall_seconds: float | None = None
     settling: dict[str, str] = field(default_factory=dict)
+
+    def with_level(self, level: str, other: "Record", theirs: str) -> "Record":
+        """The same with what another record of the same controller has at its level `theirs`, as `level`."""
+        successes = self.successes | {level: other.successes[theirs]}
+        settling = self.settling | ({level: other.settling[theirs]} if theirs in other.settling else {})
+        return replace(self, successes=dict(sorted(successes.items())), settling=dict(sorted(settling.items())))
 
     def flags(self, level: str = "") -> np.ndarray:
         """Success of every episode, booleans of shape (episodes,).
