@@ -10,6 +10,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -145,11 +146,11 @@ def measure(task: Task, results: Path, records: Path, progress: Progress) -> Rec
         records: of rows, records/<id>/<name>.json.
         progress: called while it works.
     """
-    experiment, more = task.experiment, dict[str, Any]()
+    experiment, more = task.experiment, dict[str, Any]()  # `more`: what the record says beside the episodes
     if task.seed is None:
         controller = make_controller(task.controller, experiment.env, experiment.options)
         make: Callable[[dict[str, Any]], Controller] = partial(make_controller, task.controller, experiment.env)
-        more["knows"] = str(getattr(controller, "knows", ""))
+        knows = str(getattr(controller, "knows", ""))
     else:
         home = task.home(results)
         with _counting(home):
@@ -158,9 +159,8 @@ def measure(task: Task, results: Path, records: Path, progress: Progress) -> Rec
         def make(_: dict[str, Any]) -> Controller:
             return agent
 
-        about = agent.description
+        knows, about = agent.knows, agent.description
         more = {
-            "knows": agent.knows,
             "seed": task.seed,
             "frames": about["timesteps"],
             "cpu_seconds": _cpu_seconds(home),
@@ -170,7 +170,8 @@ def measure(task: Task, results: Path, records: Path, progress: Progress) -> Rec
     own = str(gym.spec(experiment.env).kwargs.get("level") or 0)
     for level in task.levels:
         if record is None:
-            record = recorded({level: _evaluated(task, make, level, progress)}, experiment.env, task.config, **more)
+            first = {level: _evaluated(task, make, level, progress)}
+            record = replace(recorded(first, experiment.env, task.config, **more), knows=knows)
         elif level == own and level not in record.successes:
             record = record.with_level(level, record, "")
         elif level not in record.successes:

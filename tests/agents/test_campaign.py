@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from tensegrity_agents.campaign import FLAGS, Task, keep_median, median_record, run_campaign, tasks_of
+from tensegrity_agents.campaign import FEWER_EPISODES, FLAGS, Task, keep_median, median_record, run_campaign, tasks_of
+from tensegrity_agents.command.program import app
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.evaluation.records import Record, packed, read_record, read_records, unpacked
@@ -140,6 +142,56 @@ def test_uncertain_ids_are_measured_at_every_level(tmp_path):
     np.testing.assert_array_equal(found.flags("0"), nominal.columns["success"] > 0)
 
 
+def test_levels_are_kept_as_they_come(tmp_path, monkeypatch):
+    """A row with some of its levels goes on with the others, and is what it would have been at once."""
+    experiment = Experiment(
+        **SMALL | {"env": "TwoXTensionReachUncertain-v0", "seeds": [0], "controllers": ["closed_form_ik"]}
+    )
+    measured, asked = evaluate, []
+
+    def noted(controller, env_id, episodes, *more):
+        asked.append(more[3])
+        if len(asked) == 4:
+            raise KeyboardInterrupt
+        return measured(controller, env_id, episodes, *more)
+
+    monkeypatch.setattr("tensegrity_agents.campaign.evaluate", noted)
+    places = tmp_path, tmp_path / "records", silent
+    some, whole = (Task(experiment, None, "closed_form_ik", only) for only in ((3,), None))
+    ((_, found),) = run_campaign([some], *places)
+    assert list(found.successes) == ["", "3"]
+    assert some.kept(places[1]) == found
+    assert whole.kept(places[1]) is None
+    with pytest.raises(KeyboardInterrupt):
+        list(run_campaign([whole], *places))
+    ((_, found),) = run_campaign([whole], *places)
+    assert asked == [{}, {"level": 3}, {"level": 0}, {"level": 1}, {"level": 1}]  # level 2 is the environment as it is
+    ((_, at_once),) = run_campaign([whole], tmp_path, tmp_path / "others", silent)
+    assert found == at_once
+
+
+def test_of_slow_controllers_the_first_episodes_are_measured(tmp_path, monkeypatch):
+    monkeypatch.setitem(FEWER_EPISODES, "closed_form_ik", 8)
+    task = Task(Experiment(**SMALL), None, "closed_form_ik")
+    ((_, found),) = run_campaign([task], tmp_path, tmp_path / "records", silent)
+    assert found.episodes == 8
+    monkeypatch.undo()
+    ((_, more),) = run_campaign([task], tmp_path, tmp_path / "records", silent)
+    np.testing.assert_array_equal(more.flags()[:8], found.flags())
+    assert more.episodes == 13
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [(["--only", "lqg"], "'lqg' is none; there are"), (["--levels", "0,7"], "whole numbers from 0 to 3")],
+)
+def test_slips_of_what_to_measure_are_explained(tmp_path, words, message):
+    places = ["--results", str(tmp_path / "a"), "--records", str(tmp_path / "b")]
+    done = CliRunner().invoke(app, ["campaign", "--ids", "TwoXReach-v0", *places, *words], env={"COLUMNS": "300"})
+    assert done.exit_code == 2
+    assert message in done.output
+
+
 def test_a_foreign_file_is_named(tmp_path):
     path = tmp_path / "TwoXReach-v0" / "agent-0.json"
     path.parent.mkdir()
@@ -160,4 +212,4 @@ def test_shipped_policies_are_the_medians_of_the_kept_rows():
 def test_kept_rows_are_of_environments_that_there_are():
     rows = read_records(ROOT / "records")
     assert set(rows) <= set(ENV_IDS)
-    assert all(row.episodes == 1000 for group in rows.values() for row in group)
+    assert all(row.episodes == FEWER_EPISODES.get(row.controller, 1000) for group in rows.values() for row in group)

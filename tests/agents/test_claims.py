@@ -1,11 +1,13 @@
 """Claims of wins: paired differences, Holm's correction, and what keeps a claim from holding."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tensegrity_agents.evaluation.records import Record, packed, packed_times, unpacked_times
 from tensegrity_agents.evaluation.statistics import resampled_means, stratified_bootstrap
-from tensegrity_agents.reporting.claims import Candidate, claims_to_markdown, holm, judged, read_candidates
+from tensegrity_agents.reporting.claims import Candidate, claims_to_markdown, holm, judged, read_candidates, scores_of
 
 ENV = "tensegrity/DualTriangleFastReachMuJoCo-v0"
 EPISODES = 300
@@ -66,6 +68,25 @@ def test_success_is_to_be_better_with_every_seed(shares, controller, verdict):
 def test_time_is_no_win_at_the_cost_of_success(share, time, verdict):
     controller = row("lqg", 0.95, seed=0)  # succeeds where the first agent of as much success does
     assert wins(TIME, [row("PPO agent", share, time, "agent", 0), controller]) == verdict
+
+
+def test_the_level_of_the_id_itself_is_the_environment_as_it_is():
+    """A nominal id at level 0, an uncertain one at level 2: whether or not the record names it."""
+    nominal, uncertain = ENV, "tensegrity/DualTriangleLoadedReachUncertain-v0"
+    for env, level in ((nominal, "0"), (uncertain, "2")):
+        one = Record(env, "lqg", "baseline", 8, {"": "f0", "3": "80"}, "")
+        assert scores_of(one, Candidate(env, level, "success")).sum() == 4
+        assert scores_of(one, Candidate(env, "3", "success")).sum() == 1
+        assert scores_of(one, Candidate(env, "1", "success")) is None
+
+
+def test_a_controller_on_the_first_episodes_is_compared_on_these():
+    ours, mpc = agents(0.6, 0.7), row("mpc", 0.9)
+    few = replace(mpc, episodes=80, successes={"2": packed(mpc.flags("2")[:80])})
+    claim = judged(SUCCESS, [*ours, few, row("ramp", 0.1)])
+    assert (claim.controller, claim.is_whole, claim.agents.shape) == ("mpc", False, (2, 80))
+    expected = np.mean([one.flags("2")[:80].mean() for one in ours]) - few.flags("2").mean()
+    assert claim.difference.point == pytest.approx(expected)
 
 
 def test_an_episode_that_does_not_settle_counts_as_long_as_it_is():

@@ -1,21 +1,22 @@
 """The matrix of who wins where: its numbers by other routes, verdicts, and figures that say what the table says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from tensegrity_agents.evaluation.records import Record, packed
+from tensegrity_agents.evaluation.records import Record, packed, packed_times
 from tensegrity_agents.reporting.matrix import (
     AGENT,
     best_controller,
     cells_of,
     lead,
-    matrix_figure,
     matrix_to_markdown,
-    uncertainty_figure,
     verdict_of,
 )
-from tensegrity_agents.reporting.style import save
+from tensegrity_agents.reporting.matrix_figures import matrix_figure, uncertainty_figure
+from tensegrity_agents.reporting.style import looks, save
 
 EPISODES = 400
 
@@ -72,10 +73,46 @@ def test_an_id_without_agents_has_no_verdict():
     assert cells_of([]) == {}
 
 
-def test_rows_of_different_lengths_are_not_mixed():
-    short = Record("tensegrity/MastReach-v0", "servo", "baseline", 8, {"": "ff"}, "")
-    with pytest.raises(ValueError, match=r"MastReach-v0: records of different numbers"):
-        cells_of([*agents(0.5), short])
+def shortened(record, episodes):
+    return replace(
+        record, episodes=episodes, successes={k: packed(record.flags(k)[:episodes]) for k in record.successes}
+    )
+
+
+def test_a_controller_on_the_first_episodes_is_compared_on_these():
+    agent, mpc, servo = agents(0.6), shortened(row("mpc", 0.7, seed=3), 48), row("servo", 0.6, seed=4)
+    cells = cells_of([*agent, mpc, servo])
+    ours = agent[0].flags()
+    leads = {"mpc": ours[:48].mean() - mpc.flags().mean(), "servo": ours.mean() - servo.flags().mean()}
+    strongest = min(leads, key=leads.get)
+    assert best_controller(cells).name == strongest
+    assert lead(cells).point == pytest.approx(leads[strongest])
+    alone = [*agent, mpc]
+    assert lead(cells_of(alone)).point == pytest.approx(leads["mpc"])
+    line = next(line for line in matrix_to_markdown({"tensegrity/MastReach-v0": alone}).splitlines() if "Mast" in line)
+    assert "on the first 48 episodes" in line
+    figure = matrix_figure({"tensegrity/MastReach-v0": alone})
+    assert any(text.endswith("*") for text in texts(figure))
+    assert "first 48" in figure.axes[0].get_xlabel()
+    with pytest.raises(ValueError, match="agents on different numbers"):
+        cells_of([*agent, shortened(row("PPO agent", 0.5, AGENT, 5), 48)])
+
+
+def test_a_cell_says_how_long_it_takes():
+    times = np.array([0.5, np.inf, 0.7, 0.9] * (EPISODES // 4))
+    fast = [replace(one, settling={"": packed_times(times)}) for one in agents(0.9, 0.8)]
+    cell = cells_of(fast)[AGENT]
+    assert cell.time_text == "0.70 s"
+    assert "0.70 s" in texts(matrix_figure({"tensegrity/MastReach-v0": fast}))
+    assert cells_of(agents(0.9))[AGENT].time_text == "12"
+    never = replace(row("servo", 0.0), steps_to_target=None)
+    assert cells_of([never])["servo"].time_text == "\N{EN DASH}"
+
+
+def test_controllers_look_different():
+    kinds = {f"c{k}": "baseline" for k in range(10)} | {"oracle": "oracle", "informed": "oracle", "a": "agent"}
+    drawn = looks(kinds)
+    assert len({look.colour for look in drawn.values()}) == len(kinds)
 
 
 def test_the_table_names_seeds_verdicts_and_what_is_known():
@@ -97,12 +134,35 @@ def test_figures_show_every_cell_and_level():
     levels = ("", "0", "1", "2", "3")
     group = [*agents(1.0, levels=levels), row("servo", 0.0, levels=levels)]
     records = {"tensegrity/MastReach-v0": group}
-    assert sorted(texts(matrix_figure(records))) == ["0", "100"]
+    assert sorted(texts(matrix_figure(records))) == ["0", "100", "12", "12"]
     (axes,) = uncertainty_figure(records).axes
     assert [list(line.get_xdata()) for line in axes.lines] == [[0, 1, 2, 3]] * 2
     assert [list(line.get_ydata()) for line in axes.lines] == [[100.0] * 4, [0.0] * 4]
     assert texts(matrix_figure({})) == ["no records"]
     assert texts(uncertainty_figure({"tensegrity/MastReach-v0": agents(1.0)})) == ["no records at several levels"]
+
+
+def test_of_several_closed_forms_the_best_has_a_curve():
+    levels = ("", "0", "1")
+    group = [row("closed_form_max", 0.2, levels=levels), row("closed_form_sum", 0.9, levels=levels)]
+    (axes,) = uncertainty_figure({"tensegrity/MastReach-v0": [*group, row("servo", 0.5, levels=levels)]}).axes
+    assert {line.get_label(): line.get_ydata()[0] for line in axes.lines} == {
+        "closed form": pytest.approx(100 * group[1].flags().mean()),
+        "servo": pytest.approx(100 * row("servo", 0.5).flags().mean()),
+    }
+
+
+def test_titles_of_panels_keep_apart():
+    levels = ("", "0", "1")
+    names = ["DualTriangleLoadedReachUncertainMuJoCo", "DualTriangleLoadedReachUncertain"]
+    for count in (2, 3, 4, 5):
+        figure = uncertainty_figure(
+            {f"tensegrity/{names[k % 2]}-v{k}": [row("servo", 0.5, levels=levels)] for k in range(count)}
+        )
+        figure.draw_without_rendering()
+        boxes = [axes.title.get_window_extent().padded(6) for axes in figure.axes if axes.get_visible()]
+        assert len(boxes) == count
+        assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
 
 
 def test_a_picture_has_no_empty_margins(tmp_path):

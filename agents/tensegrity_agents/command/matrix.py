@@ -10,7 +10,8 @@ from tensegrity_agents.config import ConfigError
 from tensegrity_agents.console import checked_folder, clear_errors, for_machines, say, tell_json
 from tensegrity_agents.evaluation.records import read_records
 from tensegrity_agents.reporting.claims import CANDIDATES, claims_to_markdown, read_candidates
-from tensegrity_agents.reporting.matrix import matrix_figure, matrix_rows, matrix_to_markdown, uncertainty_figure
+from tensegrity_agents.reporting.matrix import matrix_rows, matrix_to_markdown
+from tensegrity_agents.reporting.matrix_figures import matrix_figure, uncertainty_figure
 from tensegrity_agents.reporting.style import save
 
 
@@ -40,5 +41,5 @@ def main(
         if json:
             tell_json(matrix_rows(found))
         say(str(save(matrix_figure(found), out / "who_wins")))
-        if any(len(record.successes) > 1 for group in found.values() for record in group):
+        if any(len(record.successes) > 2 for group in found.values() for record in group):
             say(str(save(uncertainty_figure(found), out / "uncertainty")))

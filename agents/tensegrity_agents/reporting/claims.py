@@ -8,7 +8,8 @@ settle (an episode in which the tip does not stay counts as long as the whole ep
 - the worst seed is no worse than that controller's mean;
 - a claim of time does not cost success: the success of the agents, in the mean, is no less than that controller's.
 
-The controller to beat is the best one by what counts. [Holm1979] Holm, "A simple sequentially rejective multiple test
+The controller to beat is the best one by what counts; a controller that was measured on the first episodes only is
+compared on these. [Holm1979] Holm, "A simple sequentially rejective multiple test
 procedure", Scandinavian Journal of Statistics 6.
 """
 
@@ -22,7 +23,7 @@ import yaml
 
 from tensegrity_agents.evaluation.records import Record
 from tensegrity_agents.evaluation.statistics import Estimate, resampled_means
-from tensegrity_agents.reporting.matrix import AGENT
+from tensegrity_agents.reporting.matrix import AGENT, ahead
 from tensegrity_agents.reporting.table import percent
 
 CANDIDATES = "candidates.yaml"  # in the folder of the records
@@ -57,11 +58,12 @@ class Claim(NamedTuple):
     Attributes:
         candidate: which.
         agents: scores of the agents, (seeds, episodes): success, or minus the time to settle [s].
-        best: scores of the best controller, (episodes,).
+        best: scores of the best controller, (episodes,); sometimes of the first ones only.
         controller: its name.
         successes: mean success of the agents and of that controller.
         difference: of the scores, paired, with its 95% interval.
         chance: one-sided p value of no difference; the share of resamples in which the agents are not ahead.
+        is_whole: whether the controller has gone through all episodes of the agents.
     """
 
     candidate: Candidate
@@ -71,6 +73,7 @@ class Claim(NamedTuple):
     successes: tuple[float, float]
     difference: Estimate
     chance: float
+    is_whole: bool
 
     @property
     def worst(self) -> float:
@@ -107,12 +110,19 @@ def read_candidates(path: Path) -> list[Candidate]:
 
 def scores_of(record: Record, candidate: Candidate) -> np.ndarray | None:
     """What counts, the larger the better, of every episode; None where it was not measured."""
-    if candidate.level not in record.successes:
+    level = level_of(candidate)
+    if level not in record.successes:
         return None
     if candidate.counts == "success":
-        return record.flags(candidate.level).astype(float)
-    times = record.settling_times(candidate.level)
+        return record.flags(level).astype(float)
+    times = record.settling_times(level)
     return None if times is None else -np.minimum(times, duration_of(record.env))
+
+
+def level_of(candidate: Candidate) -> str:
+    """The level as records name it: "" where it is that of the environment as it is."""
+    own = gym.spec(candidate.env).kwargs.get("level") or 0
+    return "" if candidate.level == str(own) else candidate.level
 
 
 def duration_of(env_id: str) -> float:
@@ -133,19 +143,22 @@ def judged(candidate: Candidate, records: Sequence[Record]) -> Claim | None:
     controllers = [(record, scores) for record, scores in scored if record.kind == "baseline"]
     if not agents or not controllers:
         return None
-    row, best = max(controllers, key=lambda pair: float(pair[1].mean()))
     table = np.stack([scores for _, scores in agents])
-    means = resampled_means(table - best)
-    successes = [record.flags(candidate.level).mean() for record, _ in agents]
+    row, best = min(controllers, key=lambda pair: float(ahead(table, pair[1]).mean()))
+    table = table[:, : len(best)]
+    means = resampled_means(ahead(table, best))
+    level = level_of(candidate)
+    successes = [record.flags(level)[: len(best)].mean() for record, _ in agents]
     low, high = np.quantile(means, [0.025, 0.975])
     return Claim(
         candidate,
         table,
         best,
         row.controller,
-        (float(np.mean(successes)), float(row.flags(candidate.level).mean())),
-        Estimate(float((table - best).mean()), float(low), float(high)),
+        (float(np.mean(successes)), float(row.flags(level).mean())),
+        Estimate(float(ahead(table, best).mean()), float(low), float(high)),
         float((1 + (means <= 0).sum()) / (1 + len(means))),
+        row.episodes == agents[0][0].episodes,
     )
 
 
@@ -182,11 +195,12 @@ def _cells(claim: Claim, adjusted: float) -> list[str]:
     by = claim.difference
     ends = sorted((by.low, by.high), reverse=claim.candidate.counts != "success")
     unit = " %" if claim.candidate.counts == "success" else " s"
+    few = "" if claim.is_whole else f" on the first {len(claim.best)} episodes"
     return [
         shown(float(claim.agents.mean())) + unit,
         str(len(claim.agents)),
         shown(claim.worst) + unit,
-        claim.controller.replace("_", "\\_") + ": " + shown(float(claim.best.mean())) + unit,
+        claim.controller.replace("_", "\\_") + ": " + shown(float(claim.best.mean())) + unit + few,
         f"{shown(by.point, '+')} [{', '.join(shown(end, '+') for end in ends)}]",
         f"{adjusted:.4f}",
         ", ".join(percent(share) for share in claim.successes),

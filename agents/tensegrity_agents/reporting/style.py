@@ -53,7 +53,10 @@ INK, FAINT, GOOD, BAD = "#1e242c", "#6b7480", "#009e73", "#d55e00"
 # Okabe and Ito's colours for colour-blind readers without their yellow, which white paper swallows; then some of Tol's.
 AGENTS = ("#d55e00", "#cc79a7", "#882255", "#aa4499")
 AREA = "#e6edf5"
-BASELINES = ("#0072b2", "#009e73", "#e69f00", "#56b4e9", "#999933", "#332288")
+BASELINES = (
+    "#0072b2", "#009e73", "#e69f00", "#56b4e9", "#999933", "#332288", "#661100", "#9a7bff", "#5fe3c0", "#c0b090"
+)  # fmt: skip
+ORACLES = ("#111111", "#5d6570")
 _DASHES: tuple[Any, ...] = ("solid", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
 _MARKERS = "osD^vPX*"
 
@@ -139,20 +142,20 @@ def looks(kinds: Mapping[str, str]) -> dict[str, Look]:
         kinds: "agent", "baseline", "oracle" or "random" by name of the controller.
     """
     found: dict[str, Look] = {}
-    counts = {"agent": 0, "baseline": 0}
-    for i, (name, kind) in enumerate(kinds.items()):
+    colours = {"agent": AGENTS, "baseline": BASELINES, "oracle": ORACLES}
+    counts = dict.fromkeys(colours, 0)
+    for i, (name, given) in enumerate(kinds.items()):
         marker = _MARKERS[i % len(_MARKERS)]
-        if kind == "oracle":
-            found[name] = Look("#111111", (0, (1.2, 1.6)), 1.6, marker)
-        elif kind == "random":
+        if given == "random":
             found[name] = Look("#8b929b", (0, (4, 2)), 1.4, marker)
+            continue
+        kind = given if given in colours else "baseline"
+        k, counts[kind] = counts[kind], counts[kind] + 1
+        colour = colours[kind][k % len(colours[kind])]
+        if kind == "oracle":
+            found[name] = Look(colour, (0, (1.2, 1.6 + 1.2 * k)), 1.6, marker)
         else:
-            colours = AGENTS if kind == "agent" else BASELINES
-            k = counts["agent" if kind == "agent" else "baseline"]
-            counts["agent" if kind == "agent" else "baseline"] += 1
-            found[name] = Look(
-                colours[k % len(colours)], _DASHES[k % len(_DASHES)], 2.4 if kind == "agent" else 1.8, marker
-            )
+            found[name] = Look(colour, _DASHES[k % len(_DASHES)], 2.4 if kind == "agent" else 1.8, marker)
     return found
 
 
