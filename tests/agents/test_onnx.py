@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 import tensegrity_agents
 from tensegrity_agents.command.program import app
 from tensegrity_agents.config import Experiment, TrainConfig
+from tensegrity_agents.pretrained import FOLDER
 from tensegrity_agents.sb3 import onnx_policy
 from tensegrity_agents.sb3.training import train
 
@@ -78,9 +79,10 @@ def test_a_file_that_would_differ_is_not_written(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_command_writes_a_shipped_policy(tmp_path):
+@pytest.mark.parametrize("named", [FLAT, str(FOLDER / FLAT)], ids=["id", "folder"])
+def test_the_command_writes_a_policy(tmp_path, named):
     path = tmp_path / "policy.onnx"
-    done = CliRunner().invoke(app, ["export", "TwoXReach-v0", str(path)])
+    done = CliRunner().invoke(app, ["export", named, str(path)])
     assert done.exit_code == 0, done.output
     import onnx
 
@@ -100,3 +102,7 @@ def test_slips(tmp_path):
         onnx_policy.OnnxPolicy(tmp_path / "other.onnx")
     done = CliRunner().invoke(app, ["export", "NoSuchReach-v0", "policy.onnx"])
     assert (done.exit_code, "no environment" in done.output) == (2, True)
+    (tmp_path / "policy.json").write_text("{")
+    (tmp_path / "policy.safetensors").touch()
+    done = CliRunner().invoke(app, ["export", str(tmp_path), str(tmp_path / "policy.onnx")])
+    assert (done.exit_code, "not a description of a policy" in done.output) == (2, True)

@@ -11,7 +11,12 @@ from tensegrity_agents.console import checked_file, clear_errors, say
 
 
 def main(
-    environment: Annotated[str, typer.Argument(help="id, such as TwoXReach-v0", autocompletion=completed_ids)],
+    environment: Annotated[
+        str,
+        typer.Argument(
+            help="id, such as TwoXReach-v0, or the folder of a trained policy", autocompletion=completed_ids
+        ),
+    ],
     out: Annotated[Path, typer.Argument(help="file, such as policy.onnx")],
     policy: Annotated[
         Path | None, typer.Option(help="folder of a trained policy", show_default="the shipped one")
@@ -24,14 +29,15 @@ def main(
     Example: tensegrity export TwoXReach-v0 policy.onnx
     """
     with clear_errors():
-        env_id = known_env(environment)
+        is_policy = policy is None and (Path(environment) / "policy.json").is_file()
+        source = environment if is_policy else known_env(environment)
         checked_file(out, "OUT")
         from tensegrity_agents.exporting import export
 
         if policy is None:
-            largest = export(env_id, out)
+            largest = export(source, out)
         else:
             from tensegrity_agents.sb3.policy_file import load_policy
 
-            largest = export(load_policy(policy, env_id), out)
+            largest = export(load_policy(policy, source), out)
         say(f"{out}: {out.stat().st_size / 1000:.0f} kB, its actions are within {largest:.1g} of the policy's")
