@@ -58,6 +58,7 @@ _DYNAMIC_GOALS = {
 }
 # Uniform random actions of full size end an episode of pushing within a step or two.
 _GENTLE = ("tensegrity/DualTrianglePush-v0", 0.05)
+_BLOCK = 124  # steps of a vector; episodes are drawn a dozen ahead for each of 1,024 environments
 
 
 class Speed(NamedTuple):
@@ -115,8 +116,8 @@ def single(rounds: int = 5, steps: int = 2000, progress: Callable[[str], None] =
 
 
 def vector(count: int = 1024, blocks: int = 10, progress: Callable[[str], None] = print) -> list[Speed]:
-    """Vector environments of `count`, uniform random actions, 31 steps in a block: resets and synchronized time limits
-    included.
+    """Vector environments of `count`, uniform random actions, 124 steps in a block: resets and synchronized time limits
+    included, in so many steps that the episodes that are drawn ahead are used, too.
 
     Each is measured interleaved with Reacher-v5, block by block, since a machine that others use, too, is not always as
     fast. Reacher's ten blocks of five steps are an episode.
@@ -126,13 +127,14 @@ def vector(count: int = 1024, blocks: int = 10, progress: Callable[[str], None] 
     lines: list[Speed] = []
     rival_rates = []
     for env_id, size in [*((env_id, 1.0) for env_id in RESTING), _GENTLE]:
-        progress(f"vector {env_id} x {count}, {31 * blocks} steps, and {5 * blocks} of {REFERENCE}")
+        progress(f"vector {env_id} x {count}, {_BLOCK * blocks} steps, and {5 * blocks} of {REFERENCE}")
         envs = gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
         envs.reset(seed=0)
         rng = np.random.default_rng(0)
         _seconds(envs, rng, size, 1)  # compiled code is loaded here
         own, rival = np.sum(
-            [(_seconds(envs, rng, size, 31) / 31, _seconds(rivals, rng, 1.0, 5) / 5) for _ in range(blocks)], axis=0
+            [(_seconds(envs, rng, size, _BLOCK) / _BLOCK, _seconds(rivals, rng, 1.0, 5) / 5) for _ in range(blocks)],
+            axis=0,
         )
         envs.close()
         rival_rates.append(count * blocks / rival)
@@ -316,13 +318,13 @@ class Start(NamedTuple):
     kilobytes: float
 
 
-def compiling(progress: Callable[[str], None] = print) -> list[Start]:
-    """What the first and the second use of every environment cost, in a process of its own; last, of all in one."""
+def compiling(ids: Sequence[str] = tensegrity_envs.ENV_IDS, progress: Callable[[str], None] = print) -> list[Start]:
+    """What the first and the second use of environments cost, in a process of its own each; last, of all in one."""
     lines = []
-    for what, ids in (*((env_id, [env_id]) for env_id in tensegrity_envs.ENV_IDS), ("all", tensegrity_envs.ENV_IDS)):
+    for what, started in (*((env_id, [env_id]) for env_id in ids), (f"all {len(ids)}", ids)):
         progress(f"starting {what}, twice")
         with tempfile.TemporaryDirectory() as folder:
-            cold, warm = _start(ids, folder), _start(ids, folder)
+            cold, warm = _start(started, folder), _start(started, folder)
             size = sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file())
         lines.append(Start(what, cold, warm, size / 1000))
     return lines

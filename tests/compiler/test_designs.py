@@ -87,7 +87,7 @@ def test_equal_numbers_and_other_numbers_share_their_code(asked_for):
 
 
 def test_numbers_know_where_they_come_from():
-    lifting = Lifting(lambda value: False)
+    lifting = Lifting()
     pair = lifting.lift(Pair(2.0, 3.0), "pair")
     product = -abs(pair.a) * pair.b + 1
     assert product == -5.0

@@ -25,7 +25,12 @@ def main(
     against: Annotated[
         Path | None, typer.Option(help="checkout of another build: compare vectors and single environments with its")
     ] = None,
-    ids: Annotated[str, typer.Option(help="with --against: comma-separated ids, or all quasi-static ones")] = "all",
+    ids: Annotated[
+        str,
+        typer.Option(
+            help="with --against: comma-separated ids, or all quasi-static ones; with --only compiling: those, or all"
+        ),
+    ] = "all",
     rounds: Annotated[int, typer.Option(min=1, help="with --against: blocks of steps of each build")] = 9,
 ) -> None:
     """Measure steps per second of single and vector environments and of PPO.
@@ -42,10 +47,10 @@ def main(
         def progress(what: str) -> None:
             console.print(what, style="dim", markup=False, highlight=False)
 
+        chosen = benchmark.RESTING if ids == "all" else tuple(ids.split(","))
+        if unknown := [env_id for env_id in chosen if env_id not in (*benchmark.RESTING, *benchmark.MOVING)]:
+            raise ConfigError(f"--ids: there is no {unknown[0]!r}; there are {', '.join(benchmark.RESTING)}")
         if against is not None:
-            chosen = benchmark.RESTING if ids == "all" else tuple(ids.split(","))
-            if unknown := [env_id for env_id in chosen if env_id not in (*benchmark.RESTING, *benchmark.MOVING)]:
-                raise ConfigError(f"--ids: there is no {unknown[0]!r}; there are {', '.join(benchmark.RESTING)}")
             table = Table("measured", "this build [CPU us]", "the other one [CPU us]", "ratio")
             for pair in compare(against, chosen, _COUNTS.get(only, (1024, 64, 0)), rounds, progress):
                 table.add_row(pair.what, f"{1e6 * pair.ours:.3f}", f"{1e6 * pair.theirs:.3f}", f"{pair.ratio:.2f}x")
@@ -56,7 +61,8 @@ def main(
             table = Table(
                 "import, make, reset, step", "empty cache [CPU s]", "filled cache [CPU s]", "machine code [kB]"
             )
-            for start in benchmark.compiling(progress=progress):
+            everything = (*benchmark.RESTING, *benchmark.MOVING)
+            for start in benchmark.compiling(everything if ids == "all" else chosen, progress):
                 table.add_row(start.what, f"{start.cold:.2f}", f"{start.warm:.2f}", f"{start.kilobytes:.0f}")
             console.print(table)
         if only == "compiling":

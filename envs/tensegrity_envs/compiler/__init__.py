@@ -9,9 +9,9 @@ components: on integers, on how many there are, on whether something is None. A 
 
 **What becomes of it.** `Kernel(function, *schemas)`
 
-1. runs it once on symbols (`tracing`), which write their operations down: repeated ones once;
+1. runs it on symbols (`tracing`), which write their operations down: repeated ones once;
 2. takes floats of designs, tasks and limits as data, told apart by where they come from and not by their value
-   (`numbers`): a design with other numbers runs the same code;
+   (`numbers`): a design with other numbers runs the same code, and its functions are not even traced again (`traces`);
 3. writes the operations as a loop over columns, eight of them in an instruction (`loops`), and hand-written loops,
    such as the continuation of an equilibrium (`continuation`), from a small part of Python (`lowering`, `jit`);
 4. lets LLVM compile that (`machine`), once for all processes of a user (`store`): keys are the operations and the
@@ -23,7 +23,7 @@ processor cores evaluate a kernel. `evaluate(function, ...)` does all that for f
 moves the cache; `compile_all` fills it.
 
 **How to look at a kernel's code.** `print(kernel.source())` is LLVM's intermediate representation, `kernel.graph.ops`
-the operations, `kernel.graph.constants` the data by source.
+the operations, `kernel.constants` the data by source.
 
 **How to debug one.** Call the component function itself on floats or NumPy arrays, with a debugger or prints in it;
 only `continuation` needs a trace, and runs as plain Python on matrices, with any Python function as its Newton step:

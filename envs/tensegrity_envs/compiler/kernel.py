@@ -5,29 +5,19 @@ The first use of a function compiles it; its code is then kept in the user's cac
 """
 
 import dataclasses
-import types
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.compiler import calling, continuation, loops, lowering, machine, store
+from tensegrity_envs.compiler import calling, continuation, loops, lowering, machine, store, traces
 from tensegrity_envs.compiler.loops import BLOCK, LANES
 from tensegrity_envs.compiler.lowering import Matrix
-from tensegrity_envs.compiler.numbers import Lifting, hash_of
-from tensegrity_envs.compiler.pytree import Row, Schema, empty_matrix, is_array, is_row, tree_leaves, tree_map
-from tensegrity_envs.compiler.tracing import Graph, Slot, Symbol
-
-
-def _is_result(value: object) -> bool:
-    return isinstance(value, Symbol | bool | int | float | np.number) and not isinstance(value, Row)
-
-
-def _result_kind(value: object) -> str:
-    if isinstance(value, Symbol):
-        return value.kind
-    return {bool: "bool", int: "int"}.get(type(value), "float")
+from tensegrity_envs.compiler.numbers import hash_of
+from tensegrity_envs.compiler.pytree import Schema, empty_matrix, is_array, tree_map
+from tensegrity_envs.compiler.recent import Recent
+from tensegrity_envs.compiler.tracing import Graph
 
 
 class Kernel:
@@ -38,28 +28,26 @@ class Kernel:
         schemas: of its arguments.
 
     Attributes:
-        graph: the operations of which it consists.
+        graph: the operations of which it consists, which kernels share that differ in numbers alone.
         result: schema of what the function returns.
     """
 
     def __init__(self, function: Callable[..., Any], *schemas: Schema[Any]) -> None:
-        self.graph = graph = Graph()
-        self._first = first = [sum(schema.size for schema in schemas[:k]) for k in range(len(schemas) + 1)]
-        lifting = Lifting(lambda value: isinstance(value, Kernel | Schema | Symbol | Row))
-        arguments = [
-            _symbols(graph, row, lifting.lift(schema.rows, f"argument {k}"))
-            for k, (row, schema) in enumerate(zip(first, schemas, strict=False))
-        ]
-        result = _lifted(function, lifting)(*arguments)
-        self.schemas = schemas
-        self.result: Schema[Any] = Schema(result, _is_result, _result_kind)
+        traced, constants = traces.traced(function, schemas)
+        self.graph, self.result, self.schemas = traced.graph, traced.result, schemas
+        self._first = traced.first
         self._size = self.result.size
-        for row, value in enumerate(tree_leaves(result, _is_result), first[-1]):
-            graph.store(Slot("w", row), value)
-        self._constants = np.array([value for _, value in graph.constants.values()] or [0.0])
-        self._run, rows = _compiled(graph, first, self.result.size)
-        self._rows = rows
-        self._free: list[np.ndarray] = []  # working memory that no thread uses
+        self._constants = np.array(constants or [0.0])
+        self._load()
+
+    def _load(self) -> None:
+        """Find or make the machine code."""
+        self._run, self._rows, self._free = _compiled(self.graph, self._first, self._size)
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Its data that no argument holds, by source."""
+        return dict(zip(self.graph.constants, self._constants.tolist(), strict=False))
 
     def __call__(self, *matrices: np.ndarray) -> np.ndarray:
         """Evaluate the function along the columns of matrices of shape (size, n), as a matrix.
@@ -91,11 +79,10 @@ class Kernel:
         return {name: value for name, value in vars(self).items() if name not in ("_run", "_rows", "_free")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Find or make the machine code."""
+        """See `__getstate__`."""
         vars(self).update(state)
         self._constants = _own(self._constants)
-        self._run, self._rows = _compiled(self.graph, self._first, self.result.size)
-        self._free = []
+        self._load()
 
     def source(self) -> str:
         """The module that is compiled, in LLVM's intermediate representation."""
@@ -118,41 +105,19 @@ def _own(array: np.ndarray) -> np.ndarray:
     return own
 
 
-def _lifted(function: Callable[..., Any], lifting: Lifting) -> Callable[..., Any]:
-    """The function on numbers that know where they come from, of the objects that it belongs to or encloses."""
-    owner = getattr(function, "__self__", None)
-    if owner is not None:
-        method: Callable[..., Any] = getattr(lifting.lift(owner, type(owner).__name__), function.__name__)
-        return method
-    if not isinstance(function, types.FunctionType) or not function.__closure__:
-        return function
-    cells = []
-    for name, cell in zip(function.__code__.co_freevars, function.__closure__, strict=True):
-        value = cell.cell_contents
-        own = isinstance(value, types.FunctionType | types.MethodType)
-        cells.append(types.CellType(_lifted(value, lifting) if own else lifting.lift(value, name)))
-    code, defaults = function.__code__, function.__defaults__
-    return types.FunctionType(code, function.__globals__, function.__name__, defaults, tuple(cells))
-
-
-def _symbols(graph: Graph, first: int, rows: object) -> Any:
-    """The pytree of a schema on symbols that are read from the rows from `first` on."""
-    return tree_map(lambda row: graph.input(Slot("w", first + row), row.kind), rows, is_row)
-
-
 _LOADED: dict[str, Any] = {}
 
 
-def _compiled(graph: Graph, first: list[int], results: int) -> tuple[Any, int]:
-    """The compiled function of constants, working memory, results and matrices, see `calling`; and how many rows of
-    working memory it needs.
+def _compiled(graph: Graph, first: list[int], results: int) -> tuple[Any, int, list[np.ndarray]]:
+    """The compiled function of constants, working memory, results and matrices, see `calling`; how many rows of working
+    memory it needs; and such memory that no thread uses now.
     """
     key = hash_of(f"{_signature(graph)}\n{first} {results}")
     if key not in _LOADED:
         plan = _Plan(graph, first, results)
         code = store.fetch(key, machine.version(), lambda: machine.to_object(_source(plan, f"kernel_{key}")))
-        _LOADED[key] = calling.function(machine.load(code, f"kernel_{key}"), f"kernel_{key}"), plan.rows
-    found: tuple[Any, int] = _LOADED[key]
+        _LOADED[key] = calling.function(machine.load(code, f"kernel_{key}"), f"kernel_{key}"), plan.rows, []
+    found: tuple[Any, int, list[np.ndarray]] = _LOADED[key]
     return found
 
 
@@ -318,7 +283,8 @@ def evaluate(function: Callable[..., Any], *arguments: Any) -> Any:
         raise ValueError(f"components of shape {shape}: must be floats or arrays of shape (n,)")
     kernel = _OF_FUNCTION.get(known := tuple(key))
     if kernel is None:
-        kernel = _OF_FUNCTION[known] = Kernel(function, *_schemas(arguments))
+        kernel = Kernel(function, *_schemas(arguments))
+        _OF_FUNCTION.put(known, kernel)
     count = shape[0] if shape else 1
     matrices = []
     for leaves in parts:
@@ -329,7 +295,7 @@ def evaluate(function: Callable[..., Any], *arguments: Any) -> Any:
     return kernel.result.unpack(found if shape else found[:, 0])
 
 
-_OF_FUNCTION: dict[Any, Kernel] = {}
+_OF_FUNCTION: Recent[Any, Kernel] = Recent(128)  # among whose keys are designs
 
 
 def _flatten(tree: object, leaves: list[Any], key: list[Any]) -> None:

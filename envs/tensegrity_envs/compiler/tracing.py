@@ -58,7 +58,7 @@ class Graph:
         inputs: by name.
         stores: which values (names or numbers) the function leaves in which slots.
         captured: symbols of the parent that a path reads, by name, in rows from `first_captured` on.
-        constants: of the outermost function and its paths, by where they come from; c0, c1, ... are their names.
+        constants: names (c0, c1, ...) of the data of the outermost function and its paths, by where they come from.
         paths: that the function follows.
     """
 
@@ -69,7 +69,7 @@ class Graph:
         self.inputs: dict[str, Input] = {}
         self.stores: list[tuple[Slot, str]] = []
         self.captured: dict[str, Symbol] = {}
-        self.constants: dict[str, tuple[str, float]] = {}
+        self.constants: dict[str, str] = {}
         self.paths: list[Path] = []
         self._known: dict[Any, Symbol] = {}
 
@@ -101,6 +101,12 @@ class Graph:
         """Leave a symbol or a number in a slot."""
         self.stores.append((slot, str(self.local(value))))
 
+    def close(self) -> None:
+        """Forget what serves tracing alone."""
+        self._known = {}
+        for path in self.paths:
+            path.graph.close()
+
     def local(self, value: Component) -> "Symbol | str":
         """A symbol or a number as this graph can use it.
 
@@ -116,9 +122,7 @@ class Graph:
             return self.input(Slot("w", self.first_captured + list(self.captured).index(outer.name)), outer.kind)
         if isinstance(value, Number):
             constants = self.root.constants
-            if value.source not in constants:
-                constants[value.source] = (f"c{len(constants)}", float(value))
-            return constants[value.source][0]
+            return constants.setdefault(value.source, f"c{len(constants)}")
         return repr(value) if isinstance(value, bool | int) else repr(float(value))
 
 

@@ -43,6 +43,8 @@ class Sampler:
         load_range: of the size of the tip force, as multiples of the straight arm's critical load.
     """
 
+    is_traced = False  # see compiler.numbers.Lifting
+
     def __init__(self, arm: DualTriangle, control: DeltaControl, load_range: tuple[float, float] | None) -> None:
         self.arm, self.control = arm, control
         low, high = checked_range("load_range", load_range, "critical loads")

@@ -88,6 +88,8 @@ class ObstacleSampler:
         obstacles: how many discs to draw, or those that there are.
     """
 
+    is_traced = False  # see compiler.numbers.Lifting
+
     def __init__(self, core: Solvable, obstacles: int | tuple[Obstacle, ...]) -> None:
         self.core = core
         self.given = () if isinstance(obstacles, int) else obstacles

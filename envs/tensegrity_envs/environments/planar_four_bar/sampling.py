@@ -45,6 +45,8 @@ class Sampler:
         load_range: of the size of the force on F, in units of K L; None for no load.
     """
 
+    is_traced = False  # see compiler.numbers.Lifting
+
     def __init__(
         self, mechanism: PlanarFourBar, control: LoadedLengthControl, load_range: tuple[float, float] | None
     ) -> None:

@@ -55,6 +55,8 @@ class Sampler:
         payload_range: [kg].
     """
 
+    is_traced = False  # see compiler.numbers.Lifting
+
     def __init__(
         self,
         prism: SpatialPrism,

@@ -70,6 +70,8 @@ class Sampler:
         ValueError: the SWFJ of the design is empty.
     """
 
+    is_traced = False  # see compiler.numbers.Lifting
+
     arm: ClassVar[type[Any]] = TwoX
 
     def __init__(self, design: XDesign, payload_range: tuple[float, float] | None = None) -> None:

@@ -28,6 +28,8 @@ class Engine:
         motions: schema of a matrix of `Motion`s.
     """
 
+    is_traced = False  # see compiler.numbers.Lifting
+
     def __init__(self, mechanism: Any, dynamics: Dynamics) -> None:
         self.model = MujocoModel(mechanism, dynamics)
         self.joints = self.model.linkage.size

@@ -325,24 +325,8 @@ class Linkage:
     @cached_property
     def _assembly(self) -> Kernel:
         """Compiled: what arrays and numbers compute differs in the last digit."""
-        return Kernel(self._largest_error, Schema(tuple(np.zeros(1) for _ in self._chain)))
-
-    def _largest_error(self, angles: Components) -> tuple[Component]:
-        """See `assembly_error`, on components."""
-        xp = namespace_of(angles[0])
-        frames: list[tuple[Component, ...]] = [(0.0, 0.0, 1.0, 0.0)]  # position, cosine and sine of the orientation
-        for (parent, hinge), angle in zip(self._chain, angles, strict=True):
-            _, _, c, s = frames[parent]
-            cosine, sine = xp.cos(angle), xp.sin(angle)
-            frames.append((*_place(frames[parent], hinge), c * cosine - s * sine, s * cosine + c * sine))
-        error: Component = 0.0
-        for sides, value in self._sides:
-            ratio = 1.0 / value
-            for (i, first), (j, second) in sides:
-                (x1, y1), (x2, y2) = _place(frames[i], first), _place(frames[j], second)
-                ratio = ratio * xp.hypot(x1 - x2, y1 - y2)
-            error = xp.maximum(error, abs(ratio - 1.0))
-        return (error,)
+        chain, sides = self._chain, self._sides
+        return Kernel(lambda angles: (_largest_error(chain, sides, angles),), Schema(tuple(np.zeros(1) for _ in chain)))
 
 
 def _place(frame: tuple[Component, ...], point: tuple[Component, Component]) -> tuple[Component, Component]:
@@ -355,3 +339,21 @@ def _place(frame: tuple[Component, ...], point: tuple[Component, Component]) -> 
 def _pair(point: complex) -> tuple[float, float]:
     """x and y of a complex number."""
     return float(point.real), float(point.imag)
+
+
+def _largest_error(chain: list[Any], loops: list[Any], angles: Components) -> Component:
+    """See `Linkage.assembly_error`, on components."""
+    xp = namespace_of(angles[0])
+    frames: list[tuple[Component, ...]] = [(0.0, 0.0, 1.0, 0.0)]  # position, cosine and sine of the orientation
+    for (parent, hinge), angle in zip(chain, angles, strict=True):
+        _, _, c, s = frames[parent]
+        cosine, sine = xp.cos(angle), xp.sin(angle)
+        frames.append((*_place(frames[parent], hinge), c * cosine - s * sine, s * cosine + c * sine))
+    error: Component = 0.0
+    for sides, value in loops:
+        ratio = 1.0 / value
+        for (i, first), (j, second) in sides:
+            (x1, y1), (x2, y2) = _place(frames[i], first), _place(frames[j], second)
+            ratio = ratio * xp.hypot(x1 - x2, y1 - y2)
+        error = xp.maximum(error, abs(ratio - 1.0))
+    return error
