@@ -77,7 +77,7 @@ DYNAMIC["DualTriangleFastReach"] = {
     "identifying_observer": partial(RestingRamp, base=Observer),
     "closed_form_shaped": partial(Shaped, base=ClosedFormSquares),
     "lqr": partial(Regulated, base=Observer),
-    "lqg": partial(LQG, base=ClosedFormSquares),
+    "lqg": partial(LQG, base=ClosedFormSquares, softness=1.0, smoothing=8),  # tuned at level 2
     "oracle": partial(Regulated, base=Oracle),
 }
 
