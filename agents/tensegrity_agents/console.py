@@ -146,14 +146,18 @@ def checked_folder(path: Path, option: str) -> Path:
     Raises:
         ConfigError: it is a file, or it and what is above it cannot be written.
     """
-    there = path
+    _check_writable(path, f"{option} {path}")
+    return path
+
+
+def _check_writable(folder: Path, given: str) -> None:
+    there = folder
     while not there.exists() and there != there.parent:
         there = there.parent
     if not there.is_dir():
-        raise ConfigError(f"{option} {path}: {there} is a file, not a folder")
+        raise ConfigError(f"{given}: {there} is a file, not a folder")
     if not os.access(there, os.W_OK | os.X_OK):
-        raise ConfigError(f"{option} {path}: {there}{os.sep} cannot be written")
-    return path
+        raise ConfigError(f"{given}: {there}{os.sep} cannot be written")
 
 
 def checked_file(path: Path, option: str) -> Path:
@@ -166,5 +170,5 @@ def checked_file(path: Path, option: str) -> Path:
         raise ConfigError(f"{option} {path}: is a folder; the name of a file is needed")
     if path.exists() and not os.access(path, os.W_OK):
         raise ConfigError(f"{option} {path}: cannot be written")
-    checked_folder(path.parent, option)
+    _check_writable(path.parent, f"{option} {path}")
     return path

@@ -154,7 +154,7 @@ OTHERS = [
     ("evaluate", "--env TwoXRech-v0", "did you mean tensegrity/TwoXReach-v0"),
     ("evaluate", "--split train", "test or validation"),
     ("evaluate", "--episodes 0", "--episodes"),
-    ("evaluate", "--csv file/below.csv", "is a file, not a folder"),
+    ("evaluate", "--csv file/below.csv", "--csv file/below.csv: file is a file, not a folder"),
     ("evaluate", "--csv configs", "is a folder"),
     ("evaluate", "--csv /proc/episodes.csv --episodes 2", "/proc"),
     ("evaluate", "--controller closed_form", "closed_form_ik"),
