@@ -17,6 +17,7 @@ from tensegrity_agents.yaml_file import ConfigError, parse_yaml, read_yaml
 from tensegrity_envs.core import Core
 from tensegrity_envs.env import unwrapped
 from tensegrity_envs.mechanics.designs import PUBLISHED
+from tensegrity_envs.randomization import DrawnLevel
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -173,6 +174,8 @@ def canonical(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
         result["randomization"] = {name: _plain(getattr(ranges, name)) for name in ranges.names}
         if usual.randomization.names:  # of the level that the id has; without it, the ranges are all there is
             result["level"] = 0
+        if isinstance(ranges, DrawnLevel):
+            result["level"] = list(ranges.levels)
     if "tolerance" in options:
         scaled = check_options(env_id, {key: value for key, value in options.items() if key != "tolerance"})
         if core.task.tolerance != scaled.task.tolerance:

@@ -132,6 +132,11 @@ class Batch(Interface):
         key = episodes[self.episodes.rows.random["noise_key"]]
         noise = slice(rows.noise[0], rows.noise[-1] + 1)
         states[noise] = Randomization.normals(key, states[rows.time] + later, len(rows.noise))
+        shares = self.randomization.noise_shares({k: episodes[row] for k, row in self.episodes.rows.random.items()})
+        if shares is not None:
+            tip = rows.noise[0] + len(rows.tip)
+            states[rows.noise[0] : tip] *= shares[0]
+            states[tip : rows.noise[-1] + 1] *= shares[1]
         return states
 
     def evaluate(self, episodes: np.ndarray, states: np.ndarray) -> np.ndarray:

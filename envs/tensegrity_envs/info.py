@@ -41,6 +41,7 @@ def meanings_of(core: Core) -> dict[str, Meaning]:
     for name, text in described(Randomization).items():
         known[f"random_{name}"] = Meaning("-", f"drawn for the episode: {text}")
     known["random_noise_key"] = Meaning("-", "drawn for the episode: from which the noise of the sensors follows")
+    known["random_level"] = Meaning("-", "drawn for the episode: the level of uncertainty, where there are several")
     names = [*(entry.name for entry in core.info_entries), "step"]
     for name in names:
         if name.startswith("reward_"):

@@ -10,16 +10,16 @@ import dataclasses
 import inspect
 import re
 import textwrap
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, Literal
 
 import numpy as np
 
-from tensegrity_envs.randomization import Randomization
+from tensegrity_envs.randomization import DrawnLevel, Randomization
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.tasks import Weights
-from tensegrity_envs.uncertainty import checked_level, ranges_of
+from tensegrity_envs.uncertainty import checked_levels, ranges_of
 
 _WIDTH = 112
 
@@ -39,7 +39,8 @@ class Options:
         backend: "quasi_static", or "mujoco" for dynamics.
         dynamics: parameters of the dynamics, some of them by name; see `simulation.mujoco.Dynamics`.
         randomization: what differs from episode to episode, by name; see `randomization.Randomization`.
-        level: of uncertainty, from 0 (none) to 3, see `uncertainty`; what `randomization` names is as that says.
+        level: of uncertainty, from 0 (none) to 3, see `uncertainty`; of several, such as [0, 2], or of all ("drawn"),
+            each episode draws one. What `randomization` names is as that says.
     """
 
     design: Any = None
@@ -51,7 +52,7 @@ class Options:
     backend: Literal["quasi_static", "mujoco"] = "quasi_static"
     dynamics: Dynamics | Mapping[str, Any] | None = None
     randomization: Randomization | Mapping[str, Any] | None = None
-    level: int | None = None
+    level: int | Sequence[int] | Literal["drawn"] | None = None
 
     def __post_init__(self) -> None:
         """Validate.
@@ -60,7 +61,7 @@ class Options:
             ValueError: `observe`, `backend` or `level` is none of those there are; there are dynamics without their
                 backend.
         """
-        checked_level(self.level)
+        checked_levels(self.level)
         for name, known in (("observe", ("full", "tip_and_inputs")), ("backend", ("quasi_static", "mujoco"))):
             if getattr(self, name) not in known:
                 raise ValueError(f"{name} = {getattr(self, name)!r}: must be {' or '.join(map(repr, known))}")
@@ -80,8 +81,13 @@ class Options:
         """
         given = Randomization.given(self.randomization, applicable, where)
         seen = set(applicable) if self.observe == "full" else set(applicable) - {"angle_noise"}
-        ranges = ranges_of(checked_level(self.level), seen, where)
-        return dataclasses.replace(given, **{name: ranges[name] for name in ranges if name not in given.names})
+        levels = checked_levels(self.level)
+        parts = []
+        for level in levels:
+            ranges = ranges_of(level, seen, where)
+            own = {name: ranges[name] for name in ranges if name not in given.names}
+            parts.append(dataclasses.replace(given, **own))
+        return parts[0] if len(levels) == 1 else DrawnLevel.of(levels, parts)
 
     @classmethod
     def of(cls, core: Any, given: Mapping[str, Any]) -> "Options":

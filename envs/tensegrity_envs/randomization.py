@@ -1,6 +1,6 @@
 """What may differ from episode to episode, without the controllers knowing."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any
@@ -10,6 +10,8 @@ import numpy as np
 from tensegrity_envs.seeding import EpisodeStream, uniform
 
 _FIRST_DRAW = 1 << 22  # beyond every draw of the episodes' starts and targets
+_LEVEL_DRAW = _FIRST_DRAW + 64  # beyond all other quantities
+_FACTORS = ("stiffness", "mass", "damping", "friction", "bandwidth")
 _KEYS = 2.0**53
 _LONGEST_DELAY = 200  # steps
 _AHEAD = 64  # steps whose noise is computed at once for a single environment, which takes as long as that of one step
@@ -143,6 +145,17 @@ class Randomization:
             low, high = getattr(self, name)
             sampled[name] = low + (high - low) * number
 
+    def noise_shares(self, random: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray] | None:
+        """Standard deviations of the episodes' noise of tip and angles, as shares of `tip_noise` and `angle_noise`.
+
+        Args:
+            random: what was sampled for the episodes, by name, each of shape (n,).
+
+        Returns:
+            Both of shape (n,); None where all are 1.
+        """
+        return None
+
     @staticmethod
     def normals(key: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:
         """Standard normal numbers of shape (count, n): functions of (key, step) alone, for each of n environments."""
@@ -150,6 +163,60 @@ class Randomization:
             return _normals(key, step, count)
         block, place = divmod(int(step[0]), _AHEAD)
         return _normals_ahead(int(key[0]), block * _AHEAD, count)[:, place : place + 1]
+
+
+@dataclass(frozen=True)
+class DrawnLevel(Randomization):
+    """One of several randomizations, of which each episode draws one; info tells it as random_level.
+
+    The ranges are those that hold all of them, for who is told ranges. An episode has the numbers that it has where
+    its own randomization is the only one.
+
+    Attributes:
+        levels: their numbers.
+        parts: the randomizations.
+    """
+
+    levels: tuple[int, ...] = ()
+    parts: tuple[Randomization, ...] = ()
+
+    @classmethod
+    def of(cls, levels: tuple[int, ...], parts: Sequence[Randomization]) -> "DrawnLevel":
+        """That of these levels."""
+        whole: dict[str, Any] = {}
+        for name in (*_FACTORS, "payload", "actuation_delay"):
+            usual = (1.0, 1.0) if name in _FACTORS else (0, 0)
+            ranges = [getattr(part, name) for part in parts]
+            if any(given is not None for given in ranges):
+                low, high = zip(*(given or usual for given in ranges), strict=True)
+                whole[name] = (min(low), max(high))
+        for name in ("tip_noise", "angle_noise"):
+            whole[name] = max(getattr(part, name) for part in parts)
+        return cls(**whole, levels=levels, parts=tuple(parts))
+
+    def _drawn(self, seed: np.ndarray, episode: np.ndarray) -> np.ndarray:
+        """Which of the parts it is, shape (n,)."""
+        number = EpisodeStream(seed, episode, _LEVEL_DRAW).uniform()
+        return np.minimum((len(self.parts) * number).astype(int), len(self.parts) - 1)
+
+    def sample(self, seed: np.ndarray, episode: np.ndarray) -> dict[str, np.ndarray]:
+        """See `Randomization.sample`; the number of the level is "level"."""
+        drawn, sampled = self._drawn(seed, episode), super().sample(seed, episode)
+        each = [part.sample(seed, episode) for part in self.parts]
+        for name, value in sampled.items():
+            if name != "noise_key":  # it is the same for all
+                usual = np.full(len(value), 1.0 if name in _FACTORS else 0.0)
+                sampled[name] = np.choose(drawn, [one.get(name, usual) for one in each])
+        return sampled | {"level": np.array(self.levels, float)[drawn]}
+
+    def noise_shares(self, random: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """See `Randomization.noise_shares`."""
+        drawn = (np.asarray(random["level"])[:, None] == np.array(self.levels)).argmax(axis=1)
+        tip, angles = (
+            np.array([getattr(part, name) for part in self.parts]) / (getattr(self, name) or 1.0)
+            for name in ("tip_noise", "angle_noise")
+        )
+        return tip[drawn], angles[drawn]
 
 
 def _normals(key: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:

@@ -17,9 +17,12 @@ told. Success is measured on the true tip. What the ranges stand for:
 - angle noise: standard deviation of an angle; the step of an encoder of 12 bits is 1.5 mrad.
 
 Each quantity is uniform in its range. An unknown payload or force has the range that the environment has without.
+
+Of several levels, such as `level=[0, 2]` (or "drawn", all there are), every episode draws one, which `info` tells as
+random_level and observations do not; the episode is the one of that level alone.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -61,6 +64,9 @@ LEVELS = tuple(
 )
 
 
+DRAWN = "drawn"  # one of all levels
+
+
 def checked_level(level: object) -> int:
     """A level of uncertainty; None is 0.
 
@@ -70,8 +76,27 @@ def checked_level(level: object) -> int:
     if level is None:
         return 0
     if isinstance(level, bool) or not isinstance(level, int) or not 0 <= level < len(LEVELS):
-        raise ValueError(f"level = {level!r}: must be a whole number from 0 (none) to {len(LEVELS) - 1}")
+        raise ValueError(f"level = {level!r}: must be a whole number from 0 (none) to {len(LEVELS) - 1}{_OR}")
     return level
+
+
+_OR = f", or several of them such as [0, 2], or {DRAWN!r} for all, of which each episode draws one"
+
+
+def checked_levels(level: object) -> tuple[int, ...]:
+    """The levels of which each episode draws one; most often it is one alone.
+
+    Raises:
+        ValueError: one is none, or there twice, or there are none; the message says what would work.
+    """
+    if isinstance(level, str) and level == DRAWN:
+        return tuple(range(len(LEVELS)))
+    if not isinstance(level, Sequence) or isinstance(level, str):
+        return (checked_level(level),)
+    levels = tuple(checked_level(one) for one in level)
+    if not levels or len(set(levels)) != len(levels) or None in level:
+        raise ValueError(f"level = {list(level)!r}: must be different levels, at least one, such as [0, 2]")
+    return levels
 
 
 def ranges_of(level: int, applicable: Collection[str], where: str) -> dict[str, Any]:

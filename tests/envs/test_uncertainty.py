@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import tensegrity_envs
-from tensegrity_envs.uncertainty import LEVELS
+from tensegrity_envs.uncertainty import LEVELS, checked_levels
 
 UNCERTAIN = [env_id for env_id in tensegrity_envs.ENV_IDS if "Uncertain" in env_id]
 every_id = pytest.mark.parametrize("env_id", UNCERTAIN)
@@ -77,3 +77,55 @@ def test_levels_that_do_not_exist_are_refused(level):
         gym.make("tensegrity/TwoXReach-v0", level=level)
     with pytest.raises(ValueError, match="nothing is uncertain in a push"):
         gym.make("tensegrity/DualTrianglePush-v0", level=1)
+
+
+@pytest.mark.parametrize("env_id", ["tensegrity/TwoXTensionReachUncertain-v0", UNCERTAIN[-1]])
+def test_an_episode_of_several_levels_is_that_of_the_one_it_draws(env_id):
+    """To the bit, noise included; single and vector alike; the level is told by info alone."""
+    levels = [3, 0, 2]
+    mixed, single = make_vec(env_id, 24, level=levels), gym.make(env_id, level=levels)
+    drawn = mixed.reset(seed=3)[1]["random_level"]
+    assert set(drawn) == set(levels)
+    told, info = played(mixed)
+    goes_on = ~np.any([told[k + 2] | told[k + 3] for k in range(1, len(told), 4)], axis=0)
+    for level in levels:
+        envs = make_vec(env_id, 24, level=level)
+        assert envs.observation_space == mixed.observation_space
+        expected, other = played(envs)
+        mine = goes_on & (drawn == level)
+        assert mine.sum() > 2
+        for a, b in zip(told, expected, strict=True):
+            pairs = [(a[key], b[key]) for key in a] if isinstance(a, dict) else [(a, b)]
+            for ours, theirs in pairs:
+                np.testing.assert_array_equal(ours[mine], theirs[mine])
+        if level:
+            np.testing.assert_array_equal(info["random_stiffness"][mine], other["random_stiffness"][mine])
+        else:
+            assert (info["random_stiffness"][mine] == 1.0).all()
+    chosen = int(np.flatnonzero(goes_on)[-1])
+    observation, one = single.reset(seed=3 + chosen)
+    rng = np.random.default_rng(0)
+    for k in range(1, len(told), 4):
+        action = (0.3 * rng.uniform(-1, 1, mixed.action_space.shape))[chosen]
+        observation, reward, *_, one = single.step(action)
+        assert reward == told[k + 1][chosen]
+        assert one["random_level"] == drawn[chosen]
+        for key, value in observation.items():
+            np.testing.assert_array_equal(told[k][key][chosen], value)
+        again = single.unwrapped.compute_reward(observation["achieved_goal"], observation["desired_goal"], one)
+        assert again == pytest.approx(reward, abs=1e-9)
+
+
+def test_all_levels_are_drawn_alike_and_anew_in_every_episode():
+    core = gym.make(UNCERTAIN[0], level="drawn").unwrapped.core
+    number = np.arange(4000)
+    drawn = core.randomization.sample(0 * number, number)["level"]
+    assert np.bincount(drawn.astype(int), minlength=4) / 4000 == pytest.approx(0.25, abs=0.03)
+    assert core.randomization.longest_delay == LEVELS[3]["actuation_delay"][1]
+    assert core.randomization.stiffness == LEVELS[3]["stiffness"]
+
+
+@pytest.mark.parametrize("level", [[], [0, 0], [0, 4], [True], "some", [None, 1]])
+def test_lists_of_levels_that_make_no_sense_are_refused(level):
+    with pytest.raises(ValueError, match="level = "):
+        checked_levels(level)
