@@ -197,7 +197,8 @@ class DrawnLevel(Randomization):
     def _drawn(self, seed: np.ndarray, episode: np.ndarray) -> np.ndarray:
         """Which of the parts it is, shape (n,)."""
         number = EpisodeStream(seed, episode, _LEVEL_DRAW).uniform()
-        return np.minimum((len(self.parts) * number).astype(int), len(self.parts) - 1)
+        drawn: np.ndarray = np.minimum((len(self.parts) * number).astype(int), len(self.parts) - 1)
+        return drawn
 
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> dict[str, np.ndarray]:
         """See `Randomization.sample`; the number of the level is "level"."""
