@@ -350,6 +350,5 @@ class Interface(ABC):
     def finish_step(self, episode: Episode, before: State, motion: Motion) -> Outcome:
         """The outcome of what the engine has simulated: the last part of a dynamic step. Traced."""
         assert isinstance(self.simulation, DynamicControl)
-        return self.outcome(
-            episode, self.simulation.finish_step(self.mechanism(episode.design), episode, before, motion)
-        )
+        after = self.simulation.finish_step(self.mechanism(episode.design), episode, before, motion)
+        return self.outcome(episode, self.with_clearance(episode, before, after))

@@ -10,22 +10,21 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-import tensegrity_envs
 from baseline_runs import run_of, success_of
+from obstacle_ids import IDS
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.controllers.obstacles.clearing import Clearing
 from tensegrity_agents.controllers.obstacles.planning import PathPlanner
 from tensegrity_envs.geometry.clearance import bars_of
 from tensegrity_envs.seeding import VALIDATION_SEED
 
-IDS = [env_id for env_id in tensegrity_envs.ENV_IDS if "Obstacle" in env_id]
 every_id = pytest.mark.parametrize("env_id", IDS)
 SPACING = 1e-3  # [rad] of the looks at a path
 LOOKS = 0.01  # [rad] of the looks along an edge of a roadmap
 
 
 def looks_along(path):
-    """Configurations (joints, k) along a path of waypoints (joints,)."""
+    """Places (coordinates, k) along a path of waypoints (joints,)."""
     legs = []
     for a, b in pairwise(path):
         count = int(np.ceil(np.abs(b - a).max() / SPACING)) + 1
@@ -33,15 +32,17 @@ def looks_along(path):
     return np.concatenate(legs, axis=1)
 
 
-def least_by_shapely(core, q, discs):
-    """The least distance of the bars in configurations (joints, k) from discs (x, y, radius), less their radii."""
-    bars = np.array(list(bars_of(core.nominal, tuple(q)).values()))  # (bars, ends, axes, k)
+def least_by_shapely(core, place, discs):
+    """The least distance of the bars at places (coordinates, k) from discs (x, y, radius), less their radii."""
+    bars = np.array(list(bars_of(core.nominal, *core.space.posture(tuple(place))).values()))  # (bars, ends, axes, k)
     lines = shapely.linestrings(bars.transpose(0, 3, 1, 2).reshape(-1, 2, 2))
     return min((shapely.distance(lines, shapely.Point(x, y)) - r).min() for x, y, r in discs)
 
 
 def margins(core, q):
-    """The smaller margin in configurations (joints, k), by plain NumPy."""
+    """The smaller margin at places (coordinates, k), by plain NumPy."""
+    if core.space.kept:
+        return np.min(core.nominal.flatness(core.space.lengths(q)), axis=0)
     if hasattr(core.nominal, "posture"):
         return np.minimum(*core.nominal.posture(tuple(q))[1:])
     inputs = core.nominal.control(tuple(q))
@@ -58,7 +59,8 @@ def planned(env_id, count, monkeypatch):
 
     def watched(self, model, start, ends, discs):
         path = plan(self, model, start, ends, discs)
-        found.append(([start, *path], discs))
+        whole = [np.concatenate([q, start[len(q) :]]) for q in path]  # with what stays the same along it
+        found.append(([start, *whole], discs))
         return path
 
     monkeypatch.setattr(PathPlanner, "path", watched)
@@ -76,11 +78,12 @@ def check_paths(env_id, count, monkeypatch):
     assert len(found) == count
     for (path, discs), target in zip(found, targets):
         assert len(path) > 1
-        assert np.hypot(*(np.ravel(core.nominal.tip(tuple(path[-1]))) - target)) <= core.task.tolerance / 2
+        posture = [part for part in core.space.posture(tuple(path[-1])) if part is not None]
+        assert np.hypot(*(np.ravel(core.nominal.tip(*posture)) - target)) <= core.task.tolerance / 2
         q = looks_along(path)
         assert least_by_shapely(core, q, discs.reshape(-1, 3)) > 0
         assert margins(core, q).min() > 0
-        assert np.abs(q).max() <= core.design.joint_limit
+        assert np.abs(q[: core.space.size]).max() <= core.space.limit
 
 
 @every_id
@@ -114,27 +117,29 @@ def roadmap_joins(is_free, starts, limit, nodes, rng):
 
 
 def check_against_roadmap(env_id, cases, nodes):
-    """Among discs that nobody has certified: the planner finds nearly all paths (97 %) that a roadmap finds."""
+    """Among discs that nobody has certified: the planner joins all pairs that a roadmap joins."""
     core, rng, joined, missed = gym.make(env_id).unwrapped.core, np.random.default_rng(4), 0, 0
-    planner, limit = PathPlanner(core), 0.95 * float(core.design.joint_limit)
+    planner, limit = PathPlanner(core), 0.95 * core.space.limit
+    same = np.ones(core.space.kept)
     for _ in range(cases):
         angle, far = rng.uniform(0, 2 * np.pi, 4), core.reach * rng.uniform(0.35, 0.9, 4)
         discs = np.stack([far * np.cos(angle), far * np.sin(angle), np.full(4, 0.08 * core.reach)])[:, :3].T.ravel()
 
         def is_free(q, discs=discs):
-            return planner.is_free(core.nominal, q, discs[:, None], planner.kept)
+            place = np.concatenate([q, np.repeat(same[:, None], q.shape[1], axis=1)])
+            return planner.is_free(core.nominal, place, discs[:, None], planner.kept)
 
-        q = rng.uniform(-limit, limit, (4000, core.nominal.degrees_of_freedom))
+        q = rng.uniform(-limit, limit, (4000, core.space.size))
         pairs = q[is_free(q.T)][:8].reshape(2, 4, -1)
         for start, end, is_joined in zip(*pairs, roadmap_joins(is_free, pairs, limit, nodes, rng)):
-            found = planner.path(core.nominal, start, end[None], discs)
+            found = planner.path(core.nominal, np.append(start, same), np.append(end, same)[None], discs)
             joined += is_joined
             missed += is_joined and not found
             if found:
                 assert is_free(looks_along([start, *found])).all()
     print(f"{env_id}: of {8 * cases // 2} pairs the roadmap joins {joined}, of which the planner misses {missed}")
     assert joined > cases
-    assert missed <= 0.03 * joined
+    assert missed == 0
 
 
 @every_id
@@ -162,7 +167,7 @@ def test_the_pseudo_inverse_seldom_touches(env_id):
     assert run_of(env_id, "pseudo_inverse").reasons.count("collision") <= 2
 
 
-@every_id
+@pytest.mark.parametrize("env_id", [env_id for env_id in IDS if "FourBar" not in env_id])
 def test_the_gradient_of_the_clearance_points_away(env_id):
     core = gym.make(env_id).unwrapped.core
     sampled = core.sample(np.arange(50), np.zeros(50, int))

@@ -5,12 +5,17 @@ import numpy as np
 import pytest
 import shapely
 
-import tensegrity_envs
+from obstacle_ids import IDS
 from tensegrity_envs import termination_reason
-from tensegrity_envs.environments import NXObstacleReach, TwoXObstacleReach
+from tensegrity_envs.environments import (
+    DualTriangleObstacleReach,
+    NXObstacleReach,
+    PlanarFourBarObstacleReach,
+    TwoXObstacleReach,
+)
 from tensegrity_envs.geometry.clearance import Disc, Polygon, Wall, bars_of, clearance
+from tensegrity_envs.simulation.protocol import COLLISION, RUNNING
 
-IDS = [env_id for env_id in tensegrity_envs.ENV_IDS if "Obstacle" in env_id]
 COUNT = 64
 every_id = pytest.mark.parametrize("env_id", IDS)
 
@@ -23,10 +28,17 @@ def core_of(env_id):
     return gym.make(env_id).unwrapped.core
 
 
-def gap_by_shapely(core, q, obstacles):
-    """The distance of the arm in one configuration from discs, less their radii."""
-    arm = shapely.MultiLineString(list(bars_of(core.nominal, tuple(map(float, q))).values()))
+def gap_by_shapely(core, q, inputs, obstacles):
+    """The distance of the arm in one state from discs, less their radii."""
+    inputs = tuple(map(float, inputs)) if core.space.kept else None
+    arm = shapely.MultiLineString(list(bars_of(core.nominal, tuple(map(float, q)), inputs).values()))
     return min(arm.distance(shapely.Point(one.centre)) - one.radius for one in obstacles)
+
+
+def gaps(core, place, obstacles):
+    """Clearances at coordinates (size, n) of the environment's space."""
+    q, inputs = core.space.posture(tuple(place))
+    return clearance(core.nominal, q, obstacles, inputs, core.own)
 
 
 @every_id
@@ -36,7 +48,8 @@ def test_starts_keep_clear_and_say_how_far(env_id):
         observation, info = env.reset(seed=seed)
         discs = env.episode.obstacles
         seen = env.core.schema.decode({key: value[None] for key, value in observation.items()})
-        assert info["clearance"] == pytest.approx(gap_by_shapely(env.core, info["configuration"], discs), abs=1e-9)
+        expected = gap_by_shapely(env.core, info["configuration"], info[env.core.input_name], discs)
+        assert info["clearance"] == pytest.approx(expected, abs=1e-9)
         assert info["clearance"] >= env.core.task.safe
         assert info["cost"] == 0
         assert seen.clearance[0] == pytest.approx(info["clearance"], rel=1e-5)
@@ -60,18 +73,16 @@ def test_the_straight_joint_path_is_cut_and_a_way_round_is_free(env_id):
     seeds = np.arange(COUNT)
     sampled = core.sample(seeds, np.zeros(COUNT, int))
     path = paths[0]
-    np.testing.assert_array_equal(path.start, np.stack(sampled.configuration))
-    np.testing.assert_allclose(core.nominal.tip(tuple(path.end)), sampled.episode.goal, atol=1e-6)
+    np.testing.assert_array_equal(path.start, np.stack(core.space.ends(sampled, tuple(path.end))[0]))
+    posture = [part for part in core.space.posture(tuple(path.end)) if part is not None]
+    np.testing.assert_allclose(core.nominal.tip(*posture), sampled.episode.goal, atol=1e-6 * core.reach)
     discs = sampled.episode.obstacles
     for first, second in ((path.start, path.via), (path.via, path.end)):
         for share in np.linspace(0, 1, 301):
-            q = tuple(first + share * (second - first))
-            assert (clearance(core.nominal, q, discs) > 0).all()
-            assert core.sampler.inside(core.nominal, q).all()
-    straight = [
-        clearance(core.nominal, tuple(path.start + share * (path.end - path.start)), discs)
-        for share in np.linspace(0, 1, 301)
-    ]
+            place = first + share * (second - first)
+            assert (gaps(core, place, discs) > 0).all()
+            assert core.space.inside(core.nominal, np.zeros(COUNT, int), tuple(place)).all()
+    straight = [gaps(core, path.start + share * (path.end - path.start), discs) for share in np.linspace(0, 1, 301)]
     assert (np.min(straight, axis=0) < 0).all()
 
 
@@ -94,7 +105,8 @@ def test_touching_a_disc_ends_the_episode(env_id):
                 assert reward[i] == 0
                 assert before is None or np.array_equal(last["configuration"][i], before[i])
                 here = [Disc(tuple(float(x[i]) for x in one.centre), float(one.radius[i])) for one in obstacles]
-                assert gap_by_shapely(core, last["configuration"][i], here) > 0  # where the arm was before
+                state = last["configuration"][i], last[core.input_name][i]
+                assert gap_by_shapely(core, *state, here) > 0  # where the arm was before
         before, obstacles = info["configuration"], envs.unwrapped.episode.obstacles
     assert seen > 10
 
@@ -113,8 +125,8 @@ def test_no_disc_is_passed_through_in_a_step(env_id):
         outcomes = core.step(episodes, outcomes, actions)
         new = core.outcomes.unpack(outcomes).state
         going = new.failure == 0
-        a, b = np.stack(states.configuration), np.stack(new.configuration)
-        least = np.min([clearance(core.nominal, tuple(a + s * (b - a)), discs) for s in np.linspace(0, 1, 21)], axis=0)
+        a, b = (np.stack(np.broadcast_arrays(*core.space.place(one))) for one in (states, new))
+        least = np.min([gaps(core, a + s * (b - a), discs) for s in np.linspace(0, 1, 21)], axis=0)
         assert (least[going] > -0.012 * core.reach).all()
         assert (new.clearance[going] > 0).all()
         states = new
@@ -175,8 +187,14 @@ def test_bad_obstacles_are_named():
     ):
         with pytest.raises(ValueError, match=message):
             gym.make(make, obstacles=given)
-    with pytest.raises(ValueError, match="quasi_static"):
-        gym.make(make, control="tension", backend="mujoco")
+    with pytest.raises(ValueError, match="'quasi_static' alone; arms of X-joints and of dual-triangles"):
+        PlanarFourBarObstacleReach(backend="mujoco")
+    with pytest.raises(ValueError, match="from 1 to 8"):
+        TwoXObstacleReach(obstacles=0)
+    with pytest.raises(ValueError, match="own_bars = 'yes'"):
+        TwoXObstacleReach(own_bars="yes")
+    with pytest.raises(TypeError, match=r"'obstacles'.*it is an option of arm='NXObstacleReach'"):
+        gym.make("tensegrity/ThreeXTensionReachMuJoCo-v0", obstacles=2)
     with pytest.raises(ValueError, match="no load"):
         gym.make("tensegrity/DualTriangleObstacleReach-v0", load_range=(0.0, 1.0))
     walls = [Wall((0.0, 0.1), (0.0, -1.0)), Wall((0.0, -0.1), (0.0, 1.0))]
@@ -191,3 +209,52 @@ def test_a_start_in_an_obstacle_is_refused():
     env.reset(options={"configuration": (0.3, 0.2, 0.1)})
     with pytest.raises(ValueError, match="touches an obstacle"):
         env.reset(options={"configuration": (-0.9, 0.0, 0.0)})
+
+
+ARMS = {
+    "two_x": (TwoXObstacleReach, {"obstacles": 1}),
+    "three_x": (NXObstacleReach, {"obstacles": 0}),
+    "five_triangles": (DualTriangleObstacleReach, {"obstacles": 1, "segments": 5}),
+    "four_bar": (PlanarFourBarObstacleReach, {"obstacles": 0}),
+}
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_own_bars_that_meet_are_a_collision(name):
+    """Under random actions the clearance is that of obstacles and own bars, and no state has crossed bars."""
+    kind, options = ARMS[name]
+    core, n, rng = kind(**options, own_bars=True), 100, np.random.default_rng(1)
+    episodes, outcomes = core.begin(np.arange(n), np.zeros(n, int))
+    discs, state = core.episodes.unpack(episodes).obstacles, core.outcomes.unpack(outcomes).state
+    drift, met = rng.uniform(-1, 1, (core.simulation.action_size, n)), 0
+    for _ in range(40):
+        assert (gaps(core, core.space.place(state), discs) > 0).all()
+        outcomes = core.step(episodes, outcomes, drift)
+        before, state = state, core.outcomes.unpack(outcomes).state
+        hit = state.failure == COLLISION
+        running = state.failure == RUNNING
+        assert (state.clearance[running] <= gaps(core, core.space.place(state), discs)[running] + 1e-12).all()
+        np.testing.assert_array_equal(np.stack(state.configuration)[:, hit], np.stack(before.configuration)[:, hit])
+        met += hit.sum()
+    assert met > 0
+
+
+def test_dynamics_among_obstacles():
+    """In MuJoCo the clearance is that of the arm where it is measured, and a collision ends the episode."""
+    make = {"arm": "NXObstacleReach", "obstacles": 3, "own_bars": True}
+    env = gym.make("tensegrity/ThreeXTensionReachMuJoCo-v0", **make).unwrapped
+    rng, seen = np.random.default_rng(0), 0
+    for seed in range(4):
+        env.reset(seed=seed)
+        action, terminated = rng.uniform(-1, 1, env.action_space.shape).astype(np.float32), False
+        for _ in range(60):
+            _, reward, terminated, _, info = env.step(action)
+            here = clearance(env.core.nominal, tuple(info["configuration"]), env.episode.obstacles, None, env.core.own)
+            if terminated:
+                break
+            assert 0 < info["clearance"] <= here + 1e-12
+        if terminated and termination_reason(info["failure"]) == "collision":
+            seen += 1
+            assert info["clearance"] <= 0 < here
+            assert reward == 0
+    assert seen > 0

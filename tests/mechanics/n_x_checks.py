@@ -152,8 +152,8 @@ def redundancy_targets(seed, joints, count):
 def best_by_slides(arm, x, y, start, objective, rng, starts, rounds=160):
     """The best value of the objective that random tangential steps of shrinking length from random starts lead to.
 
-    Projection by pseudo-inverse, tangents by singular value decomposition: nothing of the package but tip and Jacobian
-    (and, for "margin", the margins). The objective may be a function of configurations (n, k), to be small.
+    Projection by pseudo-inverse, tangents by projection of random directions: nothing of the package but tip and
+    Jacobian (and, for "margin", the margins). The objective may be a function of configurations (n, k), to be small.
     """
     n, m = len(start), len(x)
     limit, size = arm.design.joint_limit, float(arm.reach)
@@ -161,47 +161,62 @@ def best_by_slides(arm, x, y, start, objective, rng, starts, rounds=160):
     target = np.stack([x[owner], y[owner]])
 
     def jacobian(q):
-        return np.moveaxis(
-            np.array([[np.broadcast_to(e, q.shape[1:]) for e in row] for row in arm.jacobian(tuple(q))]), -1, 0
-        )
+        return np.array([[np.broadcast_to(e, q.shape[1:]) for e in row] for row in arm.jacobian(tuple(q))])
 
-    def project(q, rounds):
+    def project(q, target, rounds):
         for _ in range(rounds):
-            error = np.array(arm.tip(tuple(q))) - target
-            step = (np.linalg.pinv(jacobian(q), rcond=1e-8) @ error.T[..., None])[..., 0].T
+            step = least_step(jacobian(q), np.array(arm.tip(tuple(q))) - target)
             q = np.clip(q - step * (0.5 / np.maximum(0.5, np.abs(step).max(axis=0))), -limit, limit)
         return q, np.hypot(*(np.array(arm.tip(tuple(q))) - target)) < 1e-10 * size
 
-    def value(q, fine):
+    def value(q, fine, begin):
         if callable(objective):
             return np.where(fine, objective(q), np.inf)
         if objective == "margin":
             with np.errstate(all="ignore"):
                 _, stability, wrench = arm.posture(tuple(q))
             return np.where(fine, -np.minimum(stability, wrench), np.inf)
-        move = np.abs(q - start[:, owner])
+        move = np.abs(q - begin)
         total = {"sum": move.sum(0), "max": move.max(0), "squares": (move**2).sum(0)}[objective]
         return np.where(fine, total, np.inf)
 
-    q, fine = project(rng.uniform(-limit, limit, (n, len(owner))), 25)
-    best, step = value(q, fine), np.full(len(owner), 0.1)
+    q, fine = project(rng.uniform(-limit, limit, (n, len(owner))), target, 25)
+    best, step = value(q, fine, start[:, owner]), np.full(len(owner), 0.1)
     for _ in range(rounds):
-        _, _, vt = np.linalg.svd(jacobian(q))
-        free = vt[:, 2:, :]
-        mix = rng.normal(size=(len(owner), 1, n - 2))
-        direction = (mix @ free)[:, 0].T
+        going = np.flatnonzero(step > 1e-14)
+        if not len(going):
+            break
+        here, place, begin = q[:, going], target[:, going], start[:, owner[going]]
+        rows, mix = jacobian(here), rng.normal(size=here.shape)
+        direction = mix - least_step(rows, (rows * mix).sum(axis=1))
         direction /= np.linalg.norm(direction, axis=0)
-        improved = np.zeros(len(owner), bool)
+        improved = np.zeros(len(going), bool)
         for sign in (1, -1):
-            new, fine = project(q + sign * step * direction, 3)
-            tried = value(new, fine)
-            better = tried < best
-            q, best = np.where(better, new, q), np.where(better, tried, best)
+            new, fine = project(here + sign * step[going] * direction, place, 3)
+            tried = value(new, fine, begin)
+            better = tried < best[going]
+            here, best[going] = np.where(better, new, here), np.where(better, tried, best[going])
             improved |= better
-        step = np.where(improved, np.minimum(1.3 * step, 0.2), (0.5 if n == 3 else 0.75) * step)
+        q[:, going] = here
+        step[going] *= np.where(improved, 1.3, 0.5 if n == 3 else 0.75)
+        step = np.minimum(step, 0.2)
     found = np.full(m, np.inf)
     np.minimum.at(found, owner, best)
     return found
+
+
+def least_step(rows, off):
+    """The least joint steps (n, k) that move tips by (2, k): the pseudo-inverse of Jacobians (2, n, k), in closed form.
+
+    Of rows that are nearly parallel the smaller singular value counts as zero.
+    """
+    (a, b), (_, c) = np.einsum("ink,jnk->ijk", rows, rows)
+    det, trace = a * c - b * b, a + c
+    full = det > 1e-16 * trace**2
+    det = np.where(full, det, 1.0)
+    x = np.where(full, (c * off[0] - b * off[1]) / det, off[0] / trace)
+    y = np.where(full, (a * off[1] - b * off[0]) / det, off[1] / trace)
+    return rows[0] * x + rows[1] * y
 
 
 def worse_than_slides(seed, joints, count, objective, starts):

@@ -10,7 +10,7 @@ import numpy as np
 
 SPACING = 0.02  # [rad] of the looks along an edge
 _REACH = 0.4  # [rad] longest edge of a tree
-_DRAWS = 4000
+DRAWS = 4000
 _SHORT_CUTS = 200
 
 IsFree = Callable[[np.ndarray], np.ndarray]  # configurations (joints, k) -> (k,)
@@ -64,7 +64,13 @@ class _Tree:
 
 
 def connect(
-    is_free: IsFree, start: np.ndarray, ends: np.ndarray, limit: float, seed: int = 0, spacing: float = SPACING
+    is_free: IsFree,
+    start: np.ndarray,
+    ends: np.ndarray,
+    limit: float,
+    seed: int = 0,
+    spacing: float = SPACING,
+    draws: int = DRAWS,
 ) -> list[np.ndarray]:
     """A free joint path from a configuration to one of several others.
 
@@ -75,6 +81,7 @@ def connect(
         limit: of the joint angles [rad].
         seed: of the draws.
         spacing: of the looks along an edge [rad].
+        draws: of configurations, at most.
 
     Returns:
         The configurations to visit one after another, the last one of `ends`; empty where no path was found.
@@ -83,7 +90,7 @@ def connect(
         return []
     rng = np.random.default_rng(seed)
     trees = [_Tree(start[None], spacing), _Tree(ends, spacing)]
-    for k in range(_DRAWS):
+    for k in range(draws):
         growing, other = trees[k % 2], trees[1 - k % 2]
         q = rng.uniform(-limit, limit, len(start))
         node = growing.grow(is_free, q, is_greedy=False)

@@ -109,6 +109,19 @@ class Damped(Adapted[Memory]):
             # Where the arm is stretched the tip cannot move in one direction, and nothing is to be damped there.
             tip_mass = np.linalg.inv(mobility + 0.02 * np.trace(mobility, axis1=1, axis2=2)[:, None, None] * np.eye(2))
             torque = self.damping * np.einsum("nij,nik,nk->nj", jacobian, tip_mass, observed.tip_velocity)
+        return self.resisting(observed, inputs, q, torque)
+
+    def resisting(
+        self, observed: DecodedObservation, inputs: np.ndarray, q: np.ndarray, torque: np.ndarray
+    ) -> np.ndarray:
+        """Actions that bring the inputs to the planned ones, shape (n, inputs), and take torques off the joints.
+
+        Args:
+            observed: the observation.
+            inputs: planned.
+            q: where the arm is, or is believed to be, shape (n, joints) [rad].
+            torque: shape (n, joints) [N m].
+        """
         effect = self._effect(q, observed.inputs)
         normal = np.einsum("nji,nki->njk", effect, effect)
         normal += 1e-6 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(self.joints)

@@ -7,7 +7,12 @@ from tensegrity_envs.core import Core
 from tensegrity_envs.environments.dual_triangle import DualTrianglePush, DualTriangleReach
 from tensegrity_envs.environments.fast import DualTriangleFastReach, TwoXFastReach
 from tensegrity_envs.environments.n_x import NXReach
-from tensegrity_envs.environments.obstacles import DualTriangleObstacleReach, NXObstacleReach, TwoXObstacleReach
+from tensegrity_envs.environments.obstacles import (
+    DualTriangleObstacleReach,
+    NXObstacleReach,
+    PlanarFourBarObstacleReach,
+    TwoXObstacleReach,
+)
 from tensegrity_envs.environments.planar_four_bar import PlanarFourBarReach
 from tensegrity_envs.environments.spatial_prism import SpatialPrismTrack
 from tensegrity_envs.environments.stiffness import NXStiffnessReach, TwoXStiffnessReach
@@ -31,6 +36,7 @@ ARMS: dict[str, type[Core]] = {
         NXObstacleReach,
         TwoXObstacleReach,
         DualTriangleObstacleReach,
+        PlanarFourBarObstacleReach,
     )
 }
 
@@ -43,6 +49,7 @@ __all__ = [
     "NXObstacleReach",
     "NXReach",
     "NXStiffnessReach",
+    "PlanarFourBarObstacleReach",
     "PlanarFourBarReach",
     "SpatialPrismTrack",
     "TwoXFastReach",

@@ -1,7 +1,8 @@
-"""Signed clearance of planar arms from discs, convex polygons and walls: exact between segments. Derived here.
+"""Signed clearance of planar arms from discs, convex polygons, walls and their own bars: exact between segments.
 
-The clearance of two convex bodies is their distance where they are apart, and minus the shortest displacement that
-parts them where they overlap. Bodies are segments of no width; a disc has a radius, a polygon at least three corners.
+Derived here. The clearance of two convex bodies is their distance where they are apart, and minus the shortest
+displacement that parts them where they overlap. Bodies are segments of no width; a disc has a radius, a polygon at
+least three corners. Which pairs of an arm's own bars count, `own_bars` says.
 """
 
 from collections.abc import Sequence
@@ -180,20 +181,44 @@ def bars_of(mechanism: Any, q: Sequence[Component], inputs: Any = None) -> dict[
     return {m.name: (nodes[m.nodes[0]], nodes[m.nodes[1]]) for m in mechanism.members if m.kind == "bar"}
 
 
-def clearance(mechanism: Any, q: Sequence[Component], obstacles: Sequence[Obstacle], inputs: Any = None) -> Component:
+def signed_distance(first: Segment, second: Segment) -> Component:
+    """Distance of two segments [m]; where they cross, minus the shortest displacement that parts them.
+
+    That is the least distance of an end of one of them from the line of the other: where they cross, the origin is in
+    the parallelogram that is their Minkowski difference, whose sides are parallel to them.
+    """
+    (a, b), (c, d) = first, second
+    sides = _side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)
+    ends = [point_distance(a, second), point_distance(b, second), point_distance(c, first), point_distance(d, first)]
+    xp = namespace_of(*ends)
+    lengths = [xp.hypot(q[0] - p[0], q[1] - p[1]) for p, q in (first, second)]
+    crossed = (sides[0] * sides[1] < 0) & (sides[2] * sides[3] < 0)
+    depths = [abs(side) / length for side, length in zip(sides, (*lengths[:1] * 2, *lengths[1:] * 2), strict=True)]
+    return xp.where(crossed, -reduce(xp.minimum, depths), reduce(xp.minimum, ends))
+
+
+def clearance(
+    mechanism: Any,
+    q: Sequence[Component],
+    obstacles: Sequence[Obstacle],
+    inputs: Any = None,
+    own: Sequence[tuple[str, str]] = (),
+) -> Component:
     """The least signed clearance of any bar from any obstacle [m]; component code.
 
     Args:
         mechanism: planar, with `nodes` and `members`.
         q: configuration, components.
-        obstacles: at least one.
+        obstacles: at least one, if there are no pairs of its own bars.
         inputs: where `nodes` needs them.
+        own: names of pairs of bars that must not touch each other; see `own_bars.own_pairs`.
 
     Raises:
-        ValueError: there are no obstacles.
+        ValueError: there are no obstacles and no pairs.
     """
-    if not obstacles:
+    if not obstacles and not own:
         raise ValueError("obstacles: must be one or more")
-    bars = bars_of(mechanism, q, inputs).values()
-    gaps = [obstacle.clearance(bar) for obstacle in obstacles for bar in bars]
+    bars = bars_of(mechanism, q, inputs)
+    gaps = [obstacle.clearance(bar) for obstacle in obstacles for bar in bars.values()]
+    gaps += [signed_distance(bars[first], bars[second]) for first, second in own]
     return reduce(namespace_of(*gaps).minimum, gaps)

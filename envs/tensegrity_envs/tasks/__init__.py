@@ -3,7 +3,7 @@
 from tensegrity_envs.tasks.base import Task
 from tensegrity_envs.tasks.fast_reach import FastReach
 from tensegrity_envs.tasks.hold import Hold
-from tensegrity_envs.tasks.obstacle_reach import ObstacleReach
+from tensegrity_envs.tasks.obstacle_reach import ObstacleInputReach, ObstacleReach
 from tensegrity_envs.tasks.posture import Posture
 from tensegrity_envs.tasks.reach import InputReach, Reach
 from tensegrity_envs.tasks.track import Track
@@ -21,6 +21,7 @@ __all__ = [
     "Hold",
     "HoldWeights",
     "InputReach",
+    "ObstacleInputReach",
     "ObstacleReach",
     "ObstacleReachWeights",
     "Posture",

@@ -6,7 +6,7 @@ from typing import ClassVar
 from tensegrity_envs.compiler.namespace import Component, Namespace, namespace_of
 from tensegrity_envs.simulation.protocol import Episode, State
 from tensegrity_envs.tasks.base import share_of
-from tensegrity_envs.tasks.reach import Reach
+from tensegrity_envs.tasks.reach import InputReach, Reach
 from tensegrity_envs.tasks.weights import ObstacleReachWeights
 
 
@@ -38,3 +38,8 @@ class ObstacleReach(Reach):
         """See `Task.dense_terms` and `ObstacleReachWeights`."""
         terms = super().dense_terms(xp, error, state, episode, running, success)
         return terms | {"clearance": self.weights.clearance * running * share_of(xp, state.clearance, self.safe)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleInputReach(ObstacleReach, InputReach):
+    """The same where the solutions of an episode are two inputs; see `InputReach`. The potential knows no obstacles."""

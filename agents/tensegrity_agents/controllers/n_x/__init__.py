@@ -3,7 +3,8 @@
 from functools import partial
 
 from tensegrity_agents.controllers.base import Makers
-from tensegrity_agents.controllers.dynamic import Feedback, Ramp
+from tensegrity_agents.controllers.dynamic import Feedback
+from tensegrity_agents.controllers.n_x.dynamic import HeldRamp
 from tensegrity_agents.controllers.n_x.reach import CarefulOracle, ClosedFormIK, Observer, Oracle, PseudoInverse
 
 __all__ = ["BASELINES", "DYNAMIC", "TEACHERS", "CarefulOracle", "ClosedFormIK", "Observer", "Oracle", "PseudoInverse"]
@@ -21,9 +22,9 @@ BASELINES: Makers = {
 # The same of the dynamic environments: quasi-static controllers, led along ramps, shaped or damped.
 DYNAMIC: Makers = {
     "NXReach": {
-        "closed_form_ramp": partial(Ramp, base=ClosedFormIK),
+        "closed_form_ramp": partial(HeldRamp, base=ClosedFormIK),
         "pseudo_inverse": partial(Feedback, base=PseudoInverse, slowed=0.1),
-        "oracle": partial(Ramp, base=Oracle),
+        "oracle": partial(HeldRamp, base=Oracle),
     },
 }
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs.compiler.kernel import Kernel
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.compiler.pytree import Schema
 from tensegrity_envs.core import Core
 from tensegrity_envs.environments.obstacles import ObstacleCore
@@ -22,6 +23,9 @@ _LOOKS = 4  # along a step
 class Clearing:
     """Clearances of the nominal arm.
 
+    Attributes:
+        space: of the environment, in which places are told.
+
     Args:
         core: of the environment.
 
@@ -32,16 +36,21 @@ class Clearing:
     def __init__(self, core: Core) -> None:
         if not isinstance(core, ObstacleCore):
             raise TypeError(f"{type(core).__name__}: has no obstacles")
-        self._core = core
+        self._core, self.space = core, core.space
 
     @cached_property
     def _kernel(self) -> Kernel:
-        core, one = self._core, np.zeros(1)
-        nominal = core.nominal
+        core, one, space = self._core, np.zeros(1), self.space
+        nominal, own = core.nominal, core.own
         known = () if isinstance(core.obstacles, int) else core.obstacles
         fixed = tuple(obstacle for obstacle in known if not isinstance(obstacle, Disc))
-        schemas = Schema((one,) * nominal.degrees_of_freedom), Schema((one,) * (3 * core.disc_count))
-        return Kernel(lambda q, discs: clearance(nominal, q, (*discs_of(discs), *fixed)), *schemas)
+        schemas = Schema((one,) * (space.size + space.kept)), Schema((one,) * (3 * core.disc_count))
+
+        def gap(place: Components, discs: Components) -> Component:
+            q, inputs = space.posture(place)
+            return clearance(nominal, q, (*discs_of(discs), *fixed), inputs, own)
+
+        return Kernel(gap, *schemas)
 
     def discs(self, observed: DecodedObservation) -> np.ndarray:
         """x, y and radius of each disc, (3 * discs, n) [m]."""
@@ -57,7 +66,7 @@ class Clearing:
         """Least clearances, (n,) [m].
 
         Args:
-            q: configurations (joints, n) [rad].
+            q: configurations (joints, n) [rad], or other coordinates of the environment's `space`.
             discs: of each of them, or the same (3 * discs, 1) for all [m].
         """
         return np.array(self._kernel(q, np.array(np.broadcast_to(discs, (len(discs), q.shape[1]))))[0])

@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_agents.controllers.connecting import connect
+from tensegrity_agents.controllers.connecting import DRAWS, connect
 from tensegrity_agents.controllers.obstacles.clearing import KEPT, Clearing
 from tensegrity_envs.observation import DecodedObservation
 
 _STRAIGHT = 32  # solutions, the nearest ones, to which the straight path is looked at
 _SPACING = 0.01  # [rad] of the looks along an edge
 _FINE = 1e-3  # [rad] of the looks at a path before it is handed out
-_SEEDS = 3
+# Draws of one search after another. Of five joints a path through a narrow passage takes up to 20,000.
+_DRAWS = DRAWS, DRAWS, DRAWS, 40_000
 
 
 class PathPlanner:
@@ -25,19 +26,20 @@ class PathPlanner:
 
     def __init__(self, core: Any) -> None:
         self.core, self.clearing, self.kept = core, Clearing(core), KEPT * core.reach
+        self.space = self.clearing.space
 
     def is_free(self, model: Any, q: np.ndarray, discs: np.ndarray, kept: float) -> np.ndarray:
-        """Whether configurations (joints, k) are free by so much [m]; one `model`, `discs` of shape (numbers, 1)."""
-        free = np.abs(q).max(axis=0) <= float(self.core.nominal.design.joint_limit)
+        """Whether places (coordinates, k) are free by so much [m]; one `model`, `discs` of shape (numbers, 1)."""
+        free = np.abs(q[: self.space.size]).max(axis=0) <= self.space.limit
         near = np.flatnonzero(free)
         near = near[self.clearing(q[:, near], discs) >= kept]
-        held = self.core.sampler.inside(model.take(np.zeros(len(near), int)), tuple(q[:, near]))
+        held = self.space.inside(model, np.zeros(len(near), int), tuple(q[:, near]))
         free[:] = False
         free[near] = held
         return np.asarray(free)
 
     def path(self, model: Any, start: np.ndarray, ends: np.ndarray, discs: np.ndarray) -> list[np.ndarray]:
-        """A joint path from a configuration to one of several others.
+        """A joint path from a configuration to one of several others, or a path in other coordinates of the `space`.
 
         Args:
             model: one mechanism.
@@ -48,19 +50,22 @@ class PathPlanner:
         Returns:
             The configurations to visit one after another; empty where no path was found.
         """
-        around = discs[:, None]
+        around, same = discs[:, None], start[self.space.size :, None]
         kept = min(self.kept, float(self.clearing(start[:, None], around)[0]))
+        start, ends = start[: self.space.size], ends[:, : self.space.size]
 
         def is_free(q: np.ndarray) -> np.ndarray:
-            return self.is_free(model, q, around, kept)
+            place = np.concatenate([q, np.repeat(same, q.shape[1], axis=1)]) if len(same) else q
+            return self.is_free(model, place, around, kept)
 
         ends = ends[is_free(ends.T)] if len(ends) else ends
         ends = ends[np.argsort(np.abs(ends - start).max(axis=1), kind="stable")]
         for end in ends[:_STRAIGHT]:
             if self.is_path_free(is_free, start, [end], _SPACING) and self.is_path_free(is_free, start, [end], _FINE):
                 return [end]
-        for seed in range(_SEEDS):
-            found = connect(is_free, start, ends, float(self.core.nominal.design.joint_limit), seed, _SPACING)
+        limit = self.space.limit
+        for seed, draws in enumerate(_DRAWS):
+            found = connect(is_free, start, ends, limit, seed, _SPACING, draws)
             if found and self.is_path_free(is_free, start, found, _FINE):
                 return found
         return []

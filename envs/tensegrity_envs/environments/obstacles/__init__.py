@@ -4,7 +4,14 @@ from tensegrity_envs.environments.obstacles.reach import (
     DualTriangleObstacleReach,
     NXObstacleReach,
     ObstacleCore,
+    PlanarFourBarObstacleReach,
     TwoXObstacleReach,
 )
 
-__all__ = ["DualTriangleObstacleReach", "NXObstacleReach", "ObstacleCore", "TwoXObstacleReach"]
+__all__ = [
+    "DualTriangleObstacleReach",
+    "NXObstacleReach",
+    "ObstacleCore",
+    "PlanarFourBarObstacleReach",
+    "TwoXObstacleReach",
+]

@@ -12,16 +12,19 @@ MOST = 8  # discs drawn
 _KINDS: dict[str, type[Any]] = {"radius": Disc, "corners": Polygon, "normal": Wall}  # by a field that tells them apart
 
 
-def checked_obstacles(given: object) -> int | tuple[Obstacle, ...]:
+def checked_obstacles(given: object, may_be_none: bool = False) -> int | tuple[Obstacle, ...]:
     """The number of discs that are drawn for each episode, or the obstacles of all episodes.
 
     Args:
         given: a number, or a sequence of obstacles; each may be a mapping of its fields, as JSON has it, or with
             arrays in place of lists.
+        may_be_none: whether there may be no obstacles, 0 or (): the mechanism's own bars are some already.
 
     Raises:
         ValueError: it is neither, or an obstacle is not well-formed; the message says which.
     """
+    if may_be_none and not isinstance(given, bool) and (given == 0 or given in ((), [])):
+        return ()
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
         if not 1 <= given <= MOST:
             raise ValueError(f"obstacles = {given!r}: must be from 1 to {MOST} discs, or obstacles of your own")

@@ -14,12 +14,15 @@ from tensegrity_envs.environments.dual_triangle.arm import PUBLISHED_SEGMENTS
 from tensegrity_envs.environments.n_x import NXReach
 from tensegrity_envs.environments.obstacles.given import checked_obstacles
 from tensegrity_envs.environments.obstacles.sampling import ObstacleSampler
+from tensegrity_envs.environments.obstacles.spaces import JointSpace, LengthSpace
+from tensegrity_envs.environments.planar_four_bar import PlanarFourBarReach
 from tensegrity_envs.environments.two_x import TwoXReach
 from tensegrity_envs.geometry.clearance import Disc, Obstacle, clearance
+from tensegrity_envs.geometry.own_bars import own_pairs
 from tensegrity_envs.observation import Divided, Field, Softsign
 from tensegrity_envs.simulation.protocol import COLLISION, RUNNING, Episode, State
 from tensegrity_envs.simulation.quasi_static import keep_where
-from tensegrity_envs.tasks import ObstacleReach, ObstacleReachWeights, Reach, ReachWeights
+from tensegrity_envs.tasks import ObstacleInputReach, ObstacleReach, ObstacleReachWeights, Reach, ReachWeights
 
 Obstacles = int | Sequence[Obstacle | Mapping[str, Any]]
 
@@ -33,25 +36,31 @@ class ObstacleCore(Core):
 
     Attributes:
         obstacles: how many discs are drawn, or those that there are.
+        own: pairs of the mechanism's own bars that count as obstacles to each other.
+        space: in which paths are straight.
         surroundings: draws starts, targets and discs.
 
     Args:
         obstacles: how many discs are drawn for each episode, or a sequence of `Disc`s, convex `Polygon`s and `Wall`s
-            (or mappings of their fields) that are in every episode.
+            (or mappings of their fields) that are in every episode; 0 for none beside the mechanism's own bars.
+        own_bars: whether bars of the mechanism that touch each other are a collision, too; see `geometry.own_bars`.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
     """
 
+    space_type: ClassVar[type[JointSpace]] = JointSpace
     task_type: ClassVar[type[Reach]] = ObstacleReach
     default_weights = _WEIGHTS
     obstacles: int | tuple[Obstacle, ...]
+    own: tuple[tuple[str, str], ...]
+    space: JointSpace
     surroundings: ObstacleSampler
 
-    def __init__(self, obstacles: Obstacles = _COUNT, **options: Any) -> None:
-        if options.get("backend", "quasi_static") != "quasi_static":
-            raise ValueError(f"backend = {options['backend']!r}: among obstacles there is 'quasi_static' alone")
-        self.obstacles = checked_obstacles(obstacles)
+    def __init__(self, obstacles: Obstacles = _COUNT, own_bars: bool = False, **options: Any) -> None:
+        if not isinstance(own_bars, bool | np.bool_):
+            raise ValueError(f"own_bars = {own_bars!r}: must be True or False")
+        self.obstacles = checked_obstacles(obstacles, may_be_none=bool(own_bars))
         super().__init__(**options)
         assert isinstance(self.task, ObstacleReach)
         for disc in () if isinstance(self.obstacles, int) else self.obstacles:
@@ -61,7 +70,8 @@ class ObstacleCore(Core):
                     "larger obstacles can be a Polygon or a Wall"
                 )
         free: Any = self  # as the class behind this one has it
-        self.surroundings = ObstacleSampler(free, self.obstacles)
+        self.own, self.space = own_pairs(self.nominal) if own_bars else (), self.space_type(self)
+        self.surroundings = ObstacleSampler(free, self.obstacles, self.space, self.own)
         self.task = replace(self.task, safe=self.surroundings.safe)
 
     @property
@@ -82,22 +92,28 @@ class ObstacleCore(Core):
         checked.
         """
         placed = super().placed(sampled, target, configuration)
-        gap = float(clearance(self.nominal, placed.configuration, sampled.episode.obstacles)[0])
+        inputs = placed.inputs if self.space.kept else None
+        gap = float(clearance(self.nominal, placed.configuration, sampled.episode.obstacles, inputs, self.own)[0])
         if gap <= 0:
             raise ValueError(f"configuration: touches an obstacle (clearance {gap:.4g} m)")
         return placed
 
     def with_clearance(self, episode: Episode, before: State, after: State) -> State:
-        """An arm that touches an obstacle at one of four looks along the straight joint path of a step has failed
-        ("collision"); it is left where it was before.
+        """An arm that touches an obstacle at one of four looks along the straight path of a step has failed
+        ("collision"); it is left where it was before. Own bars, which stay crossed when they have passed each other,
+        are looked at where the step ends.
         """
         xp = namespace_of(*after.configuration)
+        start, end = self.space.place(before), self.space.place(after)
         gaps = []
         for k in range(1 if before is not after else _LOOKS, _LOOKS + 1):  # an episode that begins is one look
             share = k / _LOOKS
-            pairs = zip(before.configuration, after.configuration, strict=True)
-            q = after.configuration if k == _LOOKS else tuple(a + share * (b - a) for a, b in pairs)
-            gaps.append(clearance(self.nominal, q, episode.obstacles))
+            pairs = zip(start, end, strict=True)
+            place = end if k == _LOOKS else tuple(a + share * (b - a) for a, b in pairs)
+            own = self.own if k == _LOOKS else ()
+            if episode.obstacles or own:
+                q, inputs = self.space.posture(place)
+                gaps.append(clearance(self.nominal, q, episode.obstacles, inputs, own))
         least = reduce(xp.minimum, gaps)
         hit = (least <= 0) & (after.failure == RUNNING)
         failed = after._replace(failure=xp.where(hit, COLLISION, after.failure), clearance=least)
@@ -140,6 +156,36 @@ class ObstacleCore(Core):
         return scene | {"obstacles": [one.outline(4 * self.reach) for one in episode.obstacles]}
 
 
+class PlanarFourBarObstacleReach(ObstacleCore, PlanarFourBarReach):
+    """Reaching among obstacles with the unloaded planar 4-bar mechanism; an obstacle that is touched ends the episode.
+
+    Args:
+        obstacles: how many discs are drawn for each episode, or a sequence of `Disc`s, convex `Polygon`s and `Wall`s
+            (or mappings of their fields) that are in every episode; 0 for none beside the mechanism's own bars.
+        own_bars: whether bars of the mechanism that touch each other are a collision, too; see `geometry.own_bars`.
+        load_range: None: among obstacles there is no load.
+        backend: "quasi_static": there are no dynamics of this mechanism among obstacles.
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+    """
+
+    space_type = LengthSpace
+    task_type: ClassVar[type[ObstacleInputReach]] = ObstacleInputReach
+    default_weights = ObstacleReachWeights(effort=0.0)
+
+    def __init__(
+        self, obstacles: Obstacles = _COUNT, own_bars: bool = False, load_range: None = None, **options: Any
+    ) -> None:
+        check_no_load(load_range)
+        if options.get("backend", "quasi_static") != "quasi_static":
+            raise ValueError(
+                f"backend = {options['backend']!r}: among obstacles the planar 4-bar mechanism has 'quasi_static' "
+                "alone; arms of X-joints and of dual-triangles have 'mujoco', too"
+            )
+        super().__init__(obstacles, own_bars, **options)
+
+
 class NXObstacleReach(ObstacleCore, NXReach):
     """Reaching among obstacles with an arm of two X-joints or more; an obstacle that is touched ends the episode.
 
@@ -161,7 +207,8 @@ class DualTriangleObstacleReach(ObstacleCore, DualTriangleReach):
 
     Args:
         obstacles: how many discs are drawn for each episode, or a sequence of `Disc`s, convex `Polygon`s and `Wall`s
-            (or mappings of their fields) that are in every episode.
+            (or mappings of their fields) that are in every episode; 0 for none beside the mechanism's own bars.
+        own_bars: whether bars of the mechanism that touch each other are a collision, too; see `geometry.own_bars`.
         load_range: None: among obstacles there is no load.
         segments: how many the arm has, two or more.
 
@@ -172,10 +219,20 @@ class DualTriangleObstacleReach(ObstacleCore, DualTriangleReach):
     def __init__(
         self,
         obstacles: Obstacles = _COUNT,
+        own_bars: bool = False,
         load_range: None = None,
         segments: int = PUBLISHED_SEGMENTS,
         **options: Any,
     ) -> None:
-        if load_range is not None:
-            raise ValueError(f"load_range = {load_range!r}: must be None: among obstacles there is no load")
-        super().__init__(obstacles, segments=segments, **options)
+        check_no_load(load_range)
+        super().__init__(obstacles, own_bars, segments=segments, **options)
+
+
+def check_no_load(load_range: object) -> None:
+    """Refuse a load.
+
+    Raises:
+        ValueError: there is one.
+    """
+    if load_range is not None:
+        raise ValueError(f"load_range = {load_range!r}: must be None: among obstacles there is no load")

@@ -6,8 +6,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from tensegrity_envs.compiler.kernel import Kernel
-from tensegrity_envs.compiler.namespace import Components
+from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.compiler.pytree import Schema, tree_map
+from tensegrity_envs.environments.obstacles.spaces import JointSpace
 from tensegrity_envs.geometry.clearance import Disc, Obstacle, bars_of, clearance
 from tensegrity_envs.seeding import EpisodeStream, until_found
 
@@ -43,12 +44,12 @@ class Solvable(Protocol):
         ...
 
     def solved(self, seed: np.ndarray, episode: np.ndarray) -> tuple[Any, Components]:
-        """Episodes, and a configuration that solves each of them."""
+        """Episodes, and a configuration (or inputs) that solves each of them."""
         ...
 
 
 class Path(NamedTuple):
-    """Joint paths of n episodes, arrays of shape (joints, n) [rad].
+    """Paths of n episodes, arrays of shape (coordinates, n), of joint angles [rad] or what `spaces` has.
 
     Attributes:
         start: where they begin.
@@ -65,7 +66,7 @@ class Path(NamedTuple):
         return Path(*(part[:, index] for part in self))
 
     def looks(self, count: int) -> np.ndarray:
-        """Configurations along the paths, (joints, 2 * count * n): those of all paths at one look after another."""
+        """Places along the paths, (coordinates, 2 * count * n): those of all paths at one look after another."""
         share = np.linspace(0.0, 1.0, count)[:, None, None]
         legs = [a + share * (b - a) for a, b in ((self.start, self.via), (self.via, self.end))]
         return np.concatenate(legs).transpose(1, 0, 2).reshape(len(self.start), -1)
@@ -86,34 +87,47 @@ class ObstacleSampler:
     Args:
         core: of the environment without obstacles. What is randomized there does not change its geometry.
         obstacles: how many discs to draw, or those that there are.
+        space: in which paths are straight.
+        own: pairs of the mechanism's own bars that must not touch each other.
     """
 
     is_traced = False  # see compiler.numbers.Lifting
 
-    def __init__(self, core: Solvable, obstacles: int | tuple[Obstacle, ...]) -> None:
-        self.core = core
+    def __init__(
+        self,
+        core: Solvable,
+        obstacles: int | tuple[Obstacle, ...],
+        space: JointSpace,
+        own: tuple[tuple[str, str], ...] = (),
+    ) -> None:
+        self.core, self.space, self.own = core, space, own
         self.given = () if isinstance(obstacles, int) else obstacles
         self.count = obstacles if isinstance(obstacles, int) else 0
-        self.joints = int(core.nominal.degrees_of_freedom)
-        self.reach, self.limit = float(core.nominal.reach), float(core.nominal.design.joint_limit)
+        self.coordinates = space.size + space.kept
+        self.reach = float(core.nominal.reach)
         self.safe = SAFE * self.reach
 
     @cached_property
     def _bars(self) -> Kernel:
-        """The ends of the bars in configurations."""
-        nominal = self.core.nominal
-        return Kernel(lambda q: tuple(bars_of(nominal, q).values()), self._configurations)
+        """The ends of the bars at some coordinates."""
+        nominal, space = self.core.nominal, self.space
+        return Kernel(lambda place: tuple(bars_of(nominal, *space.posture(place)).values()), self._places)
 
     @cached_property
     def _gap(self) -> Kernel:
         """Clearance from one disc or, where none are drawn, from the obstacles that there are."""
-        nominal, given = self.core.nominal, self.given
-        disc = Schema((np.zeros(1),) * (0 if given else 3))
-        return Kernel(lambda q, d: clearance(nominal, q, given or discs_of(d)), self._configurations, disc)
+        nominal, given, own, space = self.core.nominal, self.given, self.own, self.space
+        disc = Schema((np.zeros(1),) * (3 if self.count else 0))
+
+        def gap(place: Components, numbers: Components) -> Component:
+            q, inputs = space.posture(place)
+            return clearance(nominal, q, given or discs_of(numbers), inputs, own)
+
+        return Kernel(gap, self._places, disc)
 
     @property
-    def _configurations(self) -> Schema[Components]:
-        return Schema((np.zeros(1),) * self.joints)
+    def _places(self) -> Schema[Components]:
+        return Schema((np.zeros(1),) * self.coordinates)
 
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> tuple[Any, tuple[Obstacle, ...]]:
         """Draw the episodes of the given (seed, episode) pairs, both of shape (n,).
@@ -125,16 +139,17 @@ class ObstacleSampler:
             ValueError: none keeps clear of the obstacles that were given.
             RuntimeError: there were none that keep clear of the discs that are drawn.
         """
-        n, joints = len(seed), self.joints
+        n, size = len(seed), self.coordinates
         streams = [EpisodeStream(seed, episode, _FIRST_DRAW + k * _APART) for k in range(max(self.count, 1))]
 
         def attempt(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
             return self._try(episode[owner], here)
 
-        complaint, kind = _NO_ROOM if self.given else _NO_DRAW
-        found = until_found(streams[0], n, 1 + _CANDIDATES * (joints + _NUMBERS), attempt, complaint, _MOST, kind)
-        path = Path(*found[1 : 1 + 3 * joints].reshape(3, joints, n))
-        discs = found[1 + 3 * joints :]
+        complaint, kind = _NO_DRAW if self.count else _NO_ROOM
+        count = 1 + _CANDIDATES * (self.space.size + _NUMBERS)
+        found = until_found(streams[0], n, count, attempt, complaint, _MOST, kind)
+        path = Path(*found[1 : 1 + 3 * size].reshape(3, size, n))
+        discs = found[1 + 3 * size :]
 
         def more(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
             disc = self._anywhere(here)
@@ -147,14 +162,14 @@ class ObstacleSampler:
 
     def _try(self, episode: np.ndarray, stream: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
         """For m episodes a start and a target, and the first good one of several ways and discs, if there is any."""
-        m, joints = len(episode), self.joints
+        m, size, space = len(episode), self.space.size, self.space
         key = np.floor(_KEYS * stream.uniform())
         sampled, target = self.core.solved(_as_seeds(key), episode)
-        block = stream.block(_CANDIDATES * (joints + _NUMBERS)).reshape(_CANDIDATES, -1, m)
-        numbers = block.transpose(1, 0, 2).reshape(joints + _NUMBERS, -1)
-        start, end = (np.tile(np.stack(q), _CANDIDATES) for q in (sampled.configuration, target))
-        path = Path(start, self.limit * (2 * numbers[:joints] - 1), end)
-        disc = self._across(path, numbers[joints:]) if self.count else numbers[:0]
+        block = stream.block(_CANDIDATES * (size + _NUMBERS)).reshape(_CANDIDATES, -1, m)
+        numbers = block.transpose(1, 0, 2).reshape(size + _NUMBERS, -1)
+        start, end = (np.tile(np.stack(place), _CANDIDATES) for place in space.ends(sampled, target))
+        path = Path(start, np.concatenate([space.limit * (2 * numbers[:size] - 1), start[size:]]), end)
+        disc = self._across(path, numbers[size:]) if self.count else numbers[:0]
         mechanism = self.core.mechanism(sampled.episode.design)
         good = self._is_clear(path, disc, (mechanism, m)).reshape(_CANDIDATES, m)
         first = good.argmax(axis=0) * m + np.arange(m)
@@ -196,7 +211,7 @@ class ObstacleSampler:
         def is_held(q: np.ndarray, index: np.ndarray) -> np.ndarray:
             assert held is not None
             mechanism, count = held
-            return np.asarray(self.core.sampler.inside(mechanism.take(index % count), tuple(q)))
+            return self.space.inside(mechanism, index % count, tuple(q))
 
         tests = [(_ENDS, is_apart), (_COARSE, is_apart), (_HELD, is_held), (_FINE, is_apart)]
         for looks, test in tests:

@@ -114,13 +114,17 @@ class PlanarFourBarReach(Core):
 
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """See `Core.sample`."""
+        return self.solved(seed, episode)[0]
+
+    def solved(self, seed: np.ndarray, episode: np.ndarray) -> tuple[Sampled, Components]:
+        """The episodes of the given pairs, and actuator lengths that solve each of them [m]."""
         random = self.randomization.sample(seed, episode)
         start = self.sampler.sample(seed, episode)
         goal = tuple(to_single(component) for component in start.target)
         solutions = self._solutions(goal, start.side)
         random |= {"side": start.side}
         episodes = Episode(self.design_of(random), start.load, (), goal, solutions, random)
-        return Sampled(episodes, start.configuration, start.lengths)
+        return Sampled(episodes, start.configuration, start.lengths), start.target_lengths
 
     def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
         """See `Core.placed`. A configuration follows from the lengths: it cannot be chosen."""

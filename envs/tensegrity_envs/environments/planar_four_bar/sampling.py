@@ -19,8 +19,8 @@ _WALK = 80  # steps that the walk takes at most
 
 
 class Start(NamedTuple):
-    """Configurations [rad], lengths [m] and loads [N] of n mechanisms at rest, tips that they can reach [m], and the
-    sides of CD on which they begin, 1 or -1.
+    """Configurations [rad], lengths [m] and loads [N] of n mechanisms at rest, tips that they can reach [m], the sides
+    of CD on which they begin, 1 or -1, and the lengths [m] that put the tips there.
     """
 
     configuration: Components
@@ -28,6 +28,7 @@ class Start(NamedTuple):
     load: Components
     target: Components
     side: np.ndarray
+    target_lengths: Components
 
 
 class Sampler:
@@ -67,12 +68,12 @@ class Sampler:
         draws = 2 + 2 * _LEGS if any(self.load_range) else 4
 
         def attempt(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
-            q, lengths, target, good = self._try(here, side[owner], tuple(load[:, owner]))
-            return np.stack([*q, *lengths, *target]), good
+            q, lengths, target, end, good = self._try(here, side[owner], tuple(load[:, owner]))
+            return np.stack([*q, *lengths, *target, *end]), good
 
         complaint = f"no start found for {self.mechanism.design} in {{}} draws: lower load_range"
         found = until_found(stream, n, draws, attempt, complaint)
-        return Start(tuple(found[:2]), tuple(found[2:4]), tuple(load), tuple(found[4:]), side)
+        return Start(tuple(found[:2]), tuple(found[2:4]), tuple(load), tuple(found[4:6]), side, tuple(found[6:]))
 
     def _lengths(self, stream: EpisodeStream) -> Components:
         """Uniform over the quarter disc of radius 2 L, within the stroke."""
@@ -82,7 +83,7 @@ class Sampler:
         return np.clip(far * np.cos(angle), low, high), np.clip(far * np.sin(angle), low, high)
 
     def _try(self, stream: EpisodeStream, side: np.ndarray, load: Components) -> Any:
-        """Configurations, lengths, targets, and which of them are good."""
+        """Configurations, lengths, targets, lengths there, and which of them are good."""
         lengths = self._lengths(stream)
         square, rest = self.mechanism.flatness(lengths)
         good = 2 * np.minimum(square, rest) >= _MARGIN
@@ -91,12 +92,12 @@ class Sampler:
             square, rest = self.mechanism.flatness(goal)
             good &= 2 * np.minimum(square, rest) >= _MARGIN
             q, _ = self.mechanism.rectangle(lengths, side)
-            return q, lengths, self.mechanism.rectangle(goal, side)[1], good
+            return q, lengths, self.mechanism.rectangle(goal, side)[1], goal, good
         ways = tuple(self._lengths(stream) for _ in range(_LEGS))
         steps = float(_WALK * self.control.rate)
         design = self.mechanism.design
-        q, target, moved, fine = evaluate(_walk, design, lengths, side, load, ways, (_LOADED_MARGIN, steps))
-        return q, lengths, target, good & fine & moved
+        q, target, end, moved, fine = evaluate(_walk, design, lengths, side, load, ways, (_LOADED_MARGIN, steps))
+        return q, lengths, target, end, good & fine & moved
 
 
 def _walk(
@@ -106,10 +107,10 @@ def _walk(
     load: Components,
     ways: tuple[Components, ...],
     bounds: tuple[float, float],
-) -> tuple[Components, Components, Component, Component]:
+) -> tuple[Components, Components, Components, Component, Component]:
     """Put the load on, then move the lengths leg by leg.
 
-    Returns the start, the tip at the end, whether a leg was taken, and whether the start is fine.
+    Returns the start, the tip and the lengths at the end, whether a leg was taken, and whether the start is fine.
     """
     mechanism = PlanarFourBar(design)
     margin, length = bounds
@@ -140,4 +141,4 @@ def _walk(
         left = left - xp.where(taken, share * gap, 0.0)
         moved = xp.where(taken, 1.0, moved)
     wrapped = tuple(xp.atan2(xp.sin(angle), xp.cos(angle)) for angle in begin)
-    return wrapped, mechanism.tip(here, lengths), moved > 0, good
+    return wrapped, mechanism.tip(here, lengths), lengths, moved > 0, good
