@@ -61,6 +61,7 @@ AGENT_LAYERS = [
     "analysis",
     "playground",
     "experiment",
+    "ablations",
     "campaign",
     "cluster",
     "benchmark",

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 import tensegrity_envs
+from tensegrity_agents.ablations import FOLDER, VARIANTS, variants_of
 from tensegrity_agents.campaign import Task, keep_median, run_campaign, tasks_of
 from tensegrity_agents.command_options import find_experiment, parse_seeds
 from tensegrity_agents.config import ConfigError, Experiment, known_env
@@ -29,6 +30,13 @@ def main(
         ),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="processes, at most one for each core")] = 1,
+    ablate: Annotated[
+        bool,
+        typer.Option(
+            help="agents of each config with one thing taken out (teacher, history, fine-tuning, ...), 3 seeds, into "
+            "ablations/ in the folder of the rows"
+        ),
+    ] = False,
     ray: Annotated[
         str | None, typer.Option(help="address of a Ray cluster to measure on, such as auto or host:port")
     ] = None,
@@ -44,6 +52,8 @@ def main(
     Interrupt it whenever you like: the same command goes on, and rows that are there are not measured again. A row that
     fails is named, and the others go on. The matrix of all rows is drawn by: tensegrity matrix
 
+    With --ablate agents of variants of each config are trained instead, such as no_history: three seeds each.
+
     With --ray the rows are measured on a cluster, on whose nodes this package is installed; trainings whose node dies
     go on from their last checkpoint, which is kept here.
 
@@ -53,27 +63,49 @@ def main(
         for folder, option in ((results, "--results"), (records, "--records"), (policies, "--policies")):
             if folder is not None:
                 checked_folder(folder, option)
-        chosen = parse_seeds(seeds or "0,1,2,3,4")
+        if ablate and policies is not None:
+            raise ConfigError("--policies: policies of ablations are not kept; leave it out")
+        chosen = parse_seeds(seeds or ("0,1,2" if ablate else "0,1,2,3,4"))
         experiments = [experiment.changed(seeds=chosen) for experiment in _experiments(ids)]
         chosen_levels = None if levels is None else _parse_levels(levels)
-        tasks = _only(only, [task for one in experiments for task in tasks_of(one, levels=chosen_levels)])
-        failed: list[Task] = []
+        groups = {records: _only(only, [task for one in experiments for task in tasks_of(one, levels=chosen_levels)])}
+        if ablate:
+            groups = _ablated(experiments, records / FOLDER, chosen_levels)
+        failed, total, number = list[str](), sum(map(len, groups.values())), 0
         with progress_bar() as progress:
-            rows = run_campaign(tasks, results, records, progress, jobs)
-            if ray is not None:
-                from tensegrity_agents.cluster import run_on_cluster
+            for folder, tasks in groups.items():
+                rows = run_campaign(tasks, results, folder, progress, jobs)
+                if ray is not None:
+                    from tensegrity_agents.cluster import run_on_cluster
 
-                rows = run_on_cluster(tasks, results, records, progress, ray)
-            for number, (task, found) in enumerate(rows, 1):
-                say(f"{number}/{len(tasks)} {task.short_id} {task.name}: {_in_words(found)}")
-                if isinstance(found, Exception):
-                    failed.append(task)
-                elif policies is not None and task.seed is not None:
-                    keep_median(task.experiment, results, records, policies)
-        say(f"{len(tasks) - len(failed)} of {len(tasks)} rows are in {records}/")
+                    rows = run_on_cluster(tasks, results, folder, progress, ray)
+                for task, found in rows:
+                    number += 1
+                    name = f"{task.short_id} {task.name}" + (f" {folder.name}" if ablate else "")
+                    say(f"{number}/{total} {name}: {_in_words(found)}")
+                    if isinstance(found, Exception):
+                        failed.append(name)
+                    elif policies is not None and task.seed is not None:
+                        keep_median(task.experiment, results, records, policies)
+        say(f"{total - len(failed)} of {total} rows are in {records}/")
         if failed:
-            say("failed: " + ", ".join(f"{task.short_id} {task.name}" for task in failed))
+            say("failed: " + ", ".join(failed))
             raise typer.Exit(1)
+
+
+def _ablated(experiments: list[Experiment], folder: Path, levels: tuple[int, ...] | None) -> dict[Path, list[Task]]:
+    """The agents of all variants, by the folder of their rows.
+
+    Raises:
+        ConfigError: no config has anything to take out.
+    """
+    found: dict[Path, list[Task]] = {}
+    for experiment in experiments:
+        for name, variant in variants_of(experiment).items():
+            found.setdefault(folder / name, []).extend(tasks_of(variant, controllers=False, levels=levels))
+    if not found:
+        raise ConfigError(f"--ablate: no config here has any of {', '.join(VARIANTS)}")
+    return found
 
 
 def _only(what: str, tasks: list[Task]) -> list[Task]:

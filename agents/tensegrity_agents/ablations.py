@@ -1,0 +1,39 @@
+"""Ablations: the config of an id with one thing taken out, whose rows the campaign measures like any others."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from tensegrity_agents.config import Experiment
+
+FOLDER = "ablations"  # in that of the records: a folder of rows for each variant
+SEEDS = (0, 1, 2)
+
+
+def _without(key: str, value: object) -> Callable[[dict[str, Any]], dict[str, Any] | None]:
+    """Settings with this value; None where they have it."""
+    return lambda train: train | {key: value} if train[key] != value else None
+
+
+def _taught_only(train: dict[str, Any]) -> dict[str, Any] | None:
+    """The steps with the teacher alone."""
+    teacher = train["teacher"]
+    if teacher is None or teacher["timesteps"] == train["total_timesteps"]:
+        return None
+    return train | {"total_timesteps": teacher["timesteps"]}
+
+
+# What is taken out, by name: settings below `train:` without it, or None where a config does not have it.
+VARIANTS: Mapping[str, Callable[[dict[str, Any]], dict[str, Any] | None]] = {
+    "no_teacher": _without("teacher", None),
+    "no_history": _without("history", 0),
+    "no_fine_tuning": _taught_only,
+    "no_repeat_failed": _without("repeat_failed", 0.0),
+    "no_levels": _without("levels", None),
+}
+
+
+def variants_of(experiment: Experiment) -> dict[str, Experiment]:
+    """The variants that an experiment has, by name: the same number of steps, but for `no_fine_tuning`."""
+    train = experiment.train.model_dump()
+    changed = {name: change(train) for name, change in VARIANTS.items()}
+    return {name: experiment.changed(train=settings) for name, settings in changed.items() if settings is not None}

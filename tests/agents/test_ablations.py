@@ -1,0 +1,52 @@
+"""Ablations: one thing is taken out at a time, their rows are kept apart, and the table holds them."""
+
+import pytest
+from typer.testing import CliRunner
+
+from tensegrity_agents.ablations import VARIANTS, variants_of
+from tensegrity_agents.command.program import app
+from tensegrity_agents.config import Experiment
+from tensegrity_agents.evaluation.records import read_records
+from tensegrity_agents.reporting.ablations import ablations_to_markdown
+
+TRAIN = {
+    "total_timesteps": 96,
+    "net_arch": [4],
+    "history": 2,
+    "repeat_failed": 0.5,
+    "levels": [0, 2],
+    "teacher": {"controller": "careful_oracle", "timesteps": 32, "n_steps": 4, "gradient_steps": 1, "batch_size": 8},
+    "ppo": {"num_envs": 4, "n_steps": 8, "batch_size": 8},
+}
+
+
+def test_one_thing_is_taken_out():
+    whole = Experiment(env="TwoXTensionReachUncertain-v0", train=TRAIN)
+    found = variants_of(whole)
+    assert set(found) == set(VARIANTS)
+    own = whole.train.model_dump()
+    changed = {name: {k: v for k, v in one.train.model_dump().items() if v != own[k]} for name, one in found.items()}
+    assert changed == {
+        "no_teacher": {"teacher": None},
+        "no_history": {"history": 0},
+        "no_fine_tuning": {"total_timesteps": 32},
+        "no_repeat_failed": {"repeat_failed": 0.0},
+        "no_levels": {"levels": None},
+    }
+    assert variants_of(Experiment(env="TwoXReach-v0", train={"total_timesteps": 96})) == {}
+
+
+@pytest.mark.full
+def test_the_command_keeps_rows_apart_and_goes_on(tmp_path, monkeypatch):
+    small = Experiment(env="TwoXReach-v0", episodes=5, train={**TRAIN, "levels": None, "teacher": None})
+    monkeypatch.setattr("tensegrity_agents.command.campaign.find_experiment", lambda *_: small)
+    words = ["campaign", "--ids", "TwoXReach-v0", "--seeds", "0", "--results", str(tmp_path / "results")]
+    words += ["--records", str(tmp_path / "records"), "--ablate"]
+    first = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
+    assert first.exit_code == 0, first.output
+    assert "2 of 2 rows" in first.output
+    again = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
+    assert again.exit_code == 0
+    assert read_records(tmp_path / "records") == {}  # no rows of the matrix
+    table = ablations_to_markdown(tmp_path / "records" / "ablations", {})
+    assert [line.split("|")[2].strip() for line in table.splitlines()[2:]] == ["no history", "no repeat failed"]
