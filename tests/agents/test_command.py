@@ -197,6 +197,12 @@ def without_mujoco(*words):
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
 
 
+def test_controllers_and_configs_do_not_need_mujoco():
+    code = "import sys; sys.modules['mujoco'] = None; import tensegrity_agents.config, tensegrity_agents.pretrained"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert shown.returncode == 0, shown.stderr
+
+
 @pytest.mark.full
 def test_without_mujoco_the_rest_is_compiled():
     shown = without_mujoco("compile")

@@ -1,14 +1,16 @@
-"""The motion of a mechanism near an equilibrium, as a linear system in its own coordinates."""
+"""The motion of a mechanism near an equilibrium, as a linear system in its own coordinates.
+
+Importing this module does not need MuJoCo: tables of controllers do, where it may not be installed.
+"""
 
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tensegrity_envs.simulation.mujoco.model import MujocoModel
-from tensegrity_envs.simulation.mujoco.processes import without_log
+if TYPE_CHECKING:
+    from tensegrity_envs.simulation.mujoco.model import MujocoModel
 
 _STEP = 1e-6  # of MuJoCo's differences
 
@@ -27,7 +29,7 @@ class LinearMotion(NamedTuple):
 
 
 def linearize(
-    model: MujocoModel,
+    model: "MujocoModel",
     q: ArrayLike,
     inputs: ArrayLike,
     load: ArrayLike | None = None,
@@ -52,6 +54,10 @@ def linearize(
     Raises:
         ValueError: configuration, inputs or load have another size, or are not finite.
     """
+    import mujoco
+
+    from tensegrity_envs.simulation.mujoco.processes import without_log
+
     linkage = model.linkage
     q, inputs = model._check("configuration", q, linkage.size), model._check("inputs", inputs, model.input_size)
     smooth = model.variant(dynamics=replace(model.dynamics, joint_friction=0.0))
