@@ -20,6 +20,7 @@ from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.results import Comparison, Progress, Run, kind_of, write_csv
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.evaluation.transfer import Candidate, Transferred, transfer
+from tensegrity_agents.pretrained import AGENT, load_pretrained
 from tensegrity_agents.reporting.compare_report import write_comparison
 from tensegrity_agents.reporting.table import Row
 from tensegrity_agents.reporting.transfer_table import transfer_to_markdown
@@ -167,7 +168,7 @@ def evaluate_named(
 
     Args:
         env_id: Gymnasium id.
-        names: of baselines, or "module:Class".
+        names: of baselines, "agent" for the shipped policy, or "module:Class".
         policies: folders of trained policies. If there are neither, the environment's first baseline is scored.
         options: of the environment.
         episodes: how many.
@@ -184,7 +185,10 @@ def evaluate_named(
     own = env_options.canonical(env_id, options)
     chosen = dict.fromkeys(names or ([] if policies else list(baselines_of(env_id))[:1]))
     scored: list[tuple[str, Any, str]] = [
-        (name, make_controller(name, env_id, options), kind_of(name)) for name in chosen
+        (name, load_pretrained(env_id, own), "agent")
+        if name == AGENT
+        else (name, make_controller(name, env_id, options), kind_of(name))
+        for name in chosen
     ]
     for path in policies:
         agent = load_policy(path, env_id, own)

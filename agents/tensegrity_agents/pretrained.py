@@ -12,6 +12,7 @@ import tensegrity_envs
 if TYPE_CHECKING:
     from tensegrity_agents.sb3.policy_file import TrainedPolicy
 
+AGENT = "agent"  # what the shipped policy is called among controllers
 FOLDER = Path(str(files("tensegrity_agents"))) / "policies"
 
 

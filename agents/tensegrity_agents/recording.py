@@ -19,10 +19,9 @@ from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.player import Player
 from tensegrity_agents.evaluation.results import Progress
 from tensegrity_agents.extras import need
-from tensegrity_agents.pretrained import load_pretrained
+from tensegrity_agents.pretrained import AGENT, load_pretrained
 from tensegrity_envs.seeding import VALIDATION_SEED
 
-AGENT = "agent"
 PATH = "MINARI_DATASETS_PATH"  # Minari's variable of the environment: where datasets are
 _STAND_INS = {"oracle": "closed_form", "servo": "pseudo_inverse"}  # beginnings of names, where there is none
 

@@ -1,6 +1,7 @@
 """Compile ahead of use: for container images, clusters, and machines without a writable home."""
 
 from collections.abc import Callable, Iterable
+from importlib.util import find_spec
 from typing import Any
 
 import gymnasium as gym
@@ -14,13 +15,18 @@ def compile_all(ids: Iterable[str] | None = None, progress: Callable[[str], None
     """Compile everything that environments need, and keep it in the cache (see `TENSEGRITY_CACHE_DIR`).
 
     Args:
-        ids: of the environments; by default all.
+        ids: of the environments; by default all, without MuJoCo those that do not need it.
         progress: is told what comes next.
 
     Raises:
         ValueError: there is no environment of some id.
     """
-    wanted = list(ENV_IDS if ids is None else ids)
+    if ids is None:
+        ids = ENV_IDS
+        if find_spec("mujoco") is None:
+            ids = [env_id for env_id in ENV_IDS if gym.spec(env_id).kwargs.get("backend") != "mujoco"]
+            progress("without MuJoCo (the extra mujoco), dynamic environments are left out")
+    wanted = list(ids)
     unknown = [env_id for env_id in wanted if env_id not in gym.registry]
     if unknown:
         raise ValueError(f"ids: there is no {unknown[0]!r}; there are {', '.join(ENV_IDS)}")

@@ -203,6 +203,22 @@ def test_controllers_and_configs_do_not_need_mujoco():
     assert shown.returncode == 0, shown.stderr
 
 
+def test_the_shipped_policy_is_scored_by_its_name():
+    code, text = run("evaluate", "TwoXReach-v0", "--controller", "agent", "--episodes", "60", "--json")
+    assert code == 0, text
+    assert '"agent"' in text
+    code, text = run("evaluate", "TwoXPayloadReach-v0", "--controller", "agent", "--episodes", "60")
+    assert code == 2
+    assert "no policy is shipped for" in text
+
+
+def test_the_folder_of_a_film_is_made(tmp_path):
+    film = tmp_path / "new" / "folder" / "film.gif"
+    code, text = run("watch", "TwoXReach-v0", "--record", str(film), "--episodes", "1")
+    assert code == 0, text
+    assert film.stat().st_size > 1000
+
+
 @pytest.mark.full
 def test_without_mujoco_the_rest_is_compiled():
     shown = without_mujoco("compile")

@@ -1,15 +1,13 @@
 """Compile environments ahead of use."""
 
-from importlib.util import find_spec
 from typing import Annotated
 
-import gymnasium as gym
 import typer
 
 from tensegrity_agents.command_options import completed_ids
 from tensegrity_agents.config import known_env
 from tensegrity_agents.console import clear_errors, say
-from tensegrity_envs import ENV_IDS, compile_all
+from tensegrity_envs import compile_all
 
 
 def main(
@@ -25,8 +23,4 @@ def main(
     Example: tensegrity compile TwoXReach-v0
     """
     with clear_errors("run the same command again; what was compiled is kept"):
-        wanted = [known_env(name) for name in env] if env else list(ENV_IDS)
-        if not env and find_spec("mujoco") is None:
-            wanted = [env_id for env_id in ENV_IDS if gym.spec(env_id).kwargs.get("backend") != "mujoco"]
-            say("without MuJoCo (the extra mujoco), dynamic environments are left out")
-        compile_all(wanted, progress=say)
+        compile_all([known_env(name) for name in env] if env else None, progress=say)

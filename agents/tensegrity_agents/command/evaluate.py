@@ -26,7 +26,7 @@ def main(
     controller: Annotated[
         list[str] | None,
         typer.Option(
-            help="baseline, or your own class as my_module:MyController; may be repeated. "
+            help="baseline, agent (the shipped policy), or your own class as my_module:MyController; may be repeated. "
             f"Baselines are: {list_of_baselines()}",
             show_default="the environment's first baseline",
         ),

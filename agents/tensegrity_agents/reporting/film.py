@@ -18,7 +18,7 @@ def write_film(
 
     Args:
         frames: pictures of one size.
-        path: its suffix says which kind: .gif, or .mp4, which needs the package imageio-ffmpeg.
+        path: its suffix says which kind: .gif, or .mp4, which needs the package imageio-ffmpeg; its folder is made.
         fps: pictures per second.
         hold: how long the last picture of a GIF stays [s].
         most_bytes: of a GIF, which leaves out pictures if need be.
@@ -26,6 +26,8 @@ def write_film(
     Raises:
         ValueError: another suffix, or MP4 is wanted and imageio-ffmpeg is not installed.
     """
+    if path.suffix in SUFFIXES:
+        path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".gif":
         _write_gif(frames, path, fps, hold, most_bytes)
     elif path.suffix == ".mp4":

@@ -252,7 +252,7 @@ def load_policy(
         if not file.is_file():
             raise PolicyFileError(
                 f"{folder}: no {file.name} in it; "
-                f"a policy is a folder with {WEIGHTS} and {DESCRIPTION}, as train.py writes it"
+                f"a policy is a folder with {WEIGHTS} and {DESCRIPTION}, as `tensegrity train` writes it"
             )
     try:
         description = json.loads(description_file.read_text())
