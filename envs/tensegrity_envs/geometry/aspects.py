@@ -64,16 +64,19 @@ def _grid(f: Scalar, limit: float, period: float | None, resolution: int) -> _Gr
     axis: np.ndarray = np.linspace(-limit, limit, resolution)
     if period is not None:
         axis = -period / 2 + period / resolution * (np.arange(resolution) + 0.5)
-    values = np.asarray(f((axis[:, None] + 0 * axis, axis + 0 * axis[:, None])))
-    local = _curvature(f, np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=2))
-    around = maximum_filter(local, size=3, mode="wrap" if period is not None else "nearest")
+    rows, columns = axis[:, None], axis[None, :]  # sines and cosines of each are taken once
+    values = np.array(np.broadcast_to(f((rows, columns)), (len(axis), len(axis))))
+    local = _curvature(f, rows, columns)
+    around = maximum_filter(
+        np.broadcast_to(local, values.shape), size=3, mode="wrap" if period is not None else "nearest"
+    )
     return _Grid((axis, axis), values, _SAFETY * around, period)
 
 
-def _curvature(f: Scalar, q: np.ndarray) -> np.ndarray:
-    """Largest second derivative of f in any direction, by differences, at configurations of shape (..., 2)."""
+def _curvature(f: Scalar, q1: np.ndarray, q2: np.ndarray) -> np.ndarray:
+    """Largest second derivative of f in any direction, by differences, at configurations (q1, q2), broadcast."""
     h = 1e-3
-    value = {(i, j): np.asarray(f((q[..., 0] + i * h, q[..., 1] + j * h))) for i in (-1, 0, 1) for j in (-1, 0, 1)}
+    value = {(i, j): np.asarray(f((q1 + i * h, q2 + j * h))) for i in (-1, 0, 1) for j in (-1, 0, 1)}
     d11, d22 = (value[step] - 2 * value[0, 0] + value[-step[0], -step[1]] for step in ((1, 0), (0, 1)))
     d12 = (value[1, 1] - value[1, -1] - value[-1, 1] + value[-1, -1]) / 4
     return np.asarray(np.abs(d11 + d22) / 2 + np.hypot((d11 - d22) / 2, d12)) / h**2
@@ -252,7 +255,7 @@ def is_free(f: Scalar, p: np.ndarray, q: np.ndarray, floor: float = 0.0) -> bool
         values = np.asarray(f(components(points)))
         if values.min() <= floor:
             return False
-        bend = _SAFETY * _curvature(f, points)
+        bend = _SAFETY * _curvature(f, points[..., 0], points[..., 1])
         drop = np.maximum(bend[1:], bend[:-1]) * (length / count) ** 2 / 8
         if (np.minimum(values[1:], values[:-1]) - drop > floor).all():
             return True
@@ -266,7 +269,7 @@ def _climb(f: Scalar, q: np.ndarray, grid: _Grid) -> np.ndarray:
     points = [q]
     for _ in range(200):
         value = float(np.asarray(f((points[-1][:1], points[-1][1:])))[0])
-        curvature = _SAFETY * float(_curvature(f, points[-1])) + 1e-9
+        curvature = _SAFETY * float(_curvature(f, *points[-1])) + 1e-9
         if value > curvature * longest:
             break
         slope = gradient(f, points[-1])
