@@ -59,14 +59,12 @@ def keep(path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNo
         env: its environments.
         so_far: how far the training has come.
     """
-    rms = statistics_of(env)
-    told = _told(env)
     content = {
         "described": described,
         "parameters": model.get_parameters(),
         "entropy": getattr(model, "log_ent_coef", None),
-        "normalization": {"mean": rms.mean, "var": rms.var, "count": float(rms.count)},
-        "told": None if told is None else {"mean": told.mean, "var": told.var, "count": float(told.count)},
+        "normalization": _numbers_of(statistics_of(env)),
+        "told": _numbers_of(_told(env)),
         "num_timesteps": model.num_timesteps,
         "updates": getattr(model, "_n_updates", 0),
         **so_far._asdict(),
@@ -122,6 +120,11 @@ def _restored(content: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) 
     if hasattr(model, "learning_starts"):  # the replay buffer fills anew
         model.learning_starts += model.num_timesteps
     return so_far
+
+
+def _numbers_of(rms: RunningMeanStd | None) -> dict[str, Any] | None:
+    """Running statistics as a checkpoint holds them."""
+    return None if rms is None else {"mean": rms.mean, "var": rms.var, "count": float(rms.count)}
 
 
 def _told(env: VecNormalize) -> RunningMeanStd | None:

@@ -27,6 +27,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from tensegrity_agents.sb3.features import GoalErrorExtractor
 from tensegrity_agents.sb3.levels import LevelsVecEnv, Shells
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
+from tensegrity_envs.compiler.pytree import Row
 from tensegrity_envs.core import Core
 
 PRIVILEGED = "privileged"
@@ -44,13 +45,11 @@ class Told:
 
     def __init__(self, cores: Sequence[Core]) -> None:
         each = [_hidden(core) for core in cores]
-        drawn = [name for own in each for name, row in own.items() if isinstance(row, int)]
+        drawn = [name for own in each for name, row in own.items() if isinstance(row, Row)]
         self.names = list(dict.fromkeys(drawn))
         self._episodes = [[own.get(name, _nominal(name)) for name in self.names] for own in each]
-        state = cores[0].outcomes.rows.state
-        told = (state.configuration, state.velocity, state.inputs, state.tip)
-        self.state_rows = [*itertools.chain(*told), state.stability_margin, state.wrench_margin]
-        self.size = len(self.names) + len(self.state_rows)
+        self._states = [_state_rows(core) for core in cores]
+        self.size = len(self.names) + len(self._states[0])
 
     def __call__(self, level: int, episodes: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
         """The numbers, (environments, size), from matrices with a column for each environment.
@@ -61,17 +60,23 @@ class Told:
             outcomes: of the latest step.
         """
         own = self._episodes[level]
-        drawn = [episodes[row] if isinstance(row, int) else np.full(episodes.shape[1], row) for row in own]
-        return np.stack([*drawn, *outcomes[self.state_rows]], axis=1).astype(np.float32)
+        drawn = [episodes[row] if isinstance(row, Row) else np.full(episodes.shape[1], row) for row in own]
+        return np.stack([*drawn, *outcomes[self._states[level]]], axis=1).astype(np.float32)
+
+
+def _state_rows(core: Core) -> list[int]:
+    """The rows of the true state: configuration, velocity, inputs, tip and margins."""
+    state = core.outcomes.rows.state
+    told = itertools.chain(state.configuration, state.velocity, state.inputs, state.tip)
+    return [*told, state.stability_margin, state.wrench_margin]
 
 
 def _hidden(core: Core) -> dict[str, int | float]:
     """The row of each parameter of an episode, or the number itself where it is the same in all episodes."""
-    numbered = np.arange(float(core.episodes.size))[:, None]  # an episode that has the numbers of its rows for values
-    episode = core.episodes.unpack(numbered)
-    tree = {"design": episode.design, "load": episode.load, "rate": episode.load_rate, "onset": episode.onset}
-    leaves = {name: value for name, value in _leaves(tree | episode.random) if name not in _SEEDS}
-    return {name: int(value[0]) if isinstance(value, np.ndarray) else float(value) for name, value in leaves.items()}
+    rows = core.episodes.rows
+    tree = {"design": rows.design, "load": rows.load, "rate": rows.load_rate, "onset": rows.onset, **rows.random}
+    leaves = {name: value for name, value in _leaves(tree) if name not in _SEEDS}
+    return {name: value if isinstance(value, Row) else float(value) for name, value in leaves.items()}
 
 
 def _nominal(name: str) -> float:
@@ -80,7 +85,7 @@ def _nominal(name: str) -> float:
 
 
 def _leaves(tree: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """The numbers and rows of a matrix in a tree, with names."""
+    """The numbers and rows in a tree, with names."""
     if is_dataclass(tree):
         tree = {field.name: getattr(tree, field.name) for field in fields(tree)}
     if isinstance(tree, list | tuple):
@@ -88,7 +93,7 @@ def _leaves(tree: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     if isinstance(tree, dict):
         for key, part in tree.items():
             yield from _leaves(part, f"{name}.{key}".lstrip("."))
-    elif isinstance(tree, int | float | np.ndarray) and not isinstance(tree, bool):
+    elif isinstance(tree, int | float) and not isinstance(tree, bool):
         yield name, tree
 
 
