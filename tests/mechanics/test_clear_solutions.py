@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 import shapely
 from n_x_checks import best_by_slides
+from scipy.optimize import brentq
 from test_clearance import by_shapely, random_polygon
 from test_dual_triangle_local_optima import UNEQUAL, completed, tapered
 
 from tensegrity_envs.geometry.clear_solutions import clear_solutions
 from tensegrity_envs.geometry.clearance import Disc, Wall, bars_of
+from tensegrity_envs.geometry.own_bars import own_pairs
 from tensegrity_envs.mechanics import (
     MURALIDHARAN2022,
     NX,
@@ -17,6 +19,8 @@ from tensegrity_envs.mechanics import (
     DualTriangle,
     NXDesign,
     PlanarFourBar,
+    PlanarFourBarDesign,
+    SpatialPrism,
     TwoX,
 )
 
@@ -29,18 +33,20 @@ def obstacles_near(rng, reach):
     return [*discs, Wall((0.0, -0.5 * reach), (0.2, 1.0))]
 
 
-def gaps_by_shapely(arm, q, obstacles):
-    """Clearances of configurations (n, k) from discs and walls."""
-    bars = np.array([np.broadcast_arrays(*(v for end in bar for v in end)) for bar in bars_of(arm, tuple(q)).values()])
+def gaps_by_shapely(arm, q, obstacles, pairs=()):
+    """Clearances of configurations (n, k) from discs, walls and, where they do not cross, pairs of own bars."""
+    named = bars_of(arm, tuple(q))
+    bars = np.array([np.broadcast_arrays(*(v for end in bar for v in end)) for bar in named.values()])
     lines = shapely.linestrings(bars.transpose(0, 2, 1).reshape(*bars.shape[::2], 2, 2))
-    gaps = []
+    line = dict(zip(named, lines, strict=True))
+    gaps = [shapely.distance(line[first], line[second])[None] for first, second in pairs]
     for one in obstacles:
         if isinstance(one, Disc):
             gaps.append(shapely.distance(lines, shapely.Point(one.centre)) - one.radius)
         else:
             normal = np.array(one.normal) / np.hypot(*one.normal)
             gaps.append(((shapely.get_coordinates(lines) - one.point) @ normal).reshape(*lines.shape, 2).min(axis=-1))
-    return np.min(gaps, axis=(0, 1))
+    return np.concatenate(gaps).min(axis=0)
 
 
 def value_of(arm, objective, q, gaps, start):
@@ -119,20 +125,21 @@ def test_three_segments_against_all_first_angles(design, objective):
     assert False not in close
 
 
-@pytest.mark.parametrize("objective", ["clearance", "squares"])
-def test_three_x_joints_against_slides(objective):
+@pytest.mark.parametrize(("objective", "own_bars"), [("clearance", False), ("squares", False), ("squares", True)])
+def test_three_x_joints_against_slides(objective, own_bars):
     arm, rng, found = NX(THREE_X), np.random.default_rng(2), 0
+    pairs = own_pairs(arm) if own_bars else ()
     for _ in range(2):
         x, y = (float(v) for v in arm.tip(tuple(rng.uniform(-1.5, 1.5, 3))))
         obstacles, start = obstacles_near(rng, float(arm.reach)), tuple(rng.uniform(-0.5, 0.5, 3).tolist())
 
         def clear_value(q, obstacles=obstacles, start=start):
-            gaps = gaps_by_shapely(arm, q, obstacles)
+            gaps = gaps_by_shapely(arm, q, obstacles, pairs)
             return np.where(gaps > 0, value_of(arm, objective, q, gaps, start), np.inf)
 
         place = np.array([x]), np.array([y])
         slid = best_by_slides(arm, *place, np.array(start)[:, None], clear_value, rng, 60, rounds=60)[0]
-        solutions = clear_solutions(arm, x, y, obstacles, objective, start)
+        solutions = clear_solutions(arm, x, y, obstacles, objective, start, own_bars=own_bars)
         if not solutions:
             assert not np.isfinite(slid)
             continue
@@ -140,8 +147,115 @@ def test_three_x_joints_against_slides(objective):
         best = (-1.0 if objective in LARGER else 1.0) * solutions[0].objective
         assert best <= slid + 1e-6
         assert arm.tip(solutions[0].configuration) == pytest.approx((x, y), abs=1e-9)
-        assert gaps_by_shapely(arm, np.array(solutions[0].configuration)[:, None], obstacles)[0] > 0
+        assert gaps_by_shapely(arm, np.array(solutions[0].configuration)[:, None], obstacles, pairs)[0] > 0
     assert found
+
+
+def four_bar_energy(pivots, angles, design, load):
+    """Energy of springs and load by hand [J], of arrays of E's angle seen from D and of F's seen from C."""
+    (c, d), (of_e, of_f) = pivots, angles
+    e = d + design.length * np.array([np.cos(of_e), np.sin(of_e)])
+    f = c + design.length * np.array([np.cos(of_f), np.sin(of_f)])
+    springs = sum(((p - q) ** 2).sum(axis=0) for p, q in ((c, e), (e, f), (d, f)))
+    return design.stiffness / 2 * springs - load[0] * f[0] - load[1] * f[1]
+
+
+def sign_changes(f, count):
+    """Roots of a function of an angle in [0, pi] that takes arrays."""
+    angle = np.linspace(0, np.pi, count)
+    value = f(angle)
+    places = np.flatnonzero(value[1:] * value[:-1] < 0)
+    return [brentq(lambda t: float(f(np.array([t]))[0]), angle[i], angle[i + 1], xtol=1e-14) for i in places]
+
+
+def four_bar_by_energy(arm, x, y, load):
+    """Nodes C, D, E, F of all stable equilibria with F at the target, by a scan of both base angles and of energies."""
+    length, step, found = arm.length, 1e-5, []
+
+    def base(angle, sign):
+        return np.array([length * (1 - sign) / 2 + sign * length * np.cos(angle), length * np.sin(angle)])
+
+    def from_target(beta):
+        return np.hypot(*(base(beta, -1.0) - np.array([[x], [y]]))) - length
+
+    for beta in sign_changes(from_target, 20_001):
+        c = base(np.array([beta]), -1.0)
+        of_f = np.arctan2(y - c[1], x - c[0])
+
+        def lowest(alpha, c=c, of_f=of_f):
+            """E's angle of least energy, which is a constant and a wave of it."""
+            across, up, back = (
+                four_bar_energy((c, base(alpha, 1.0)), (np.array([t]), of_f), arm.design, load)
+                for t in (0, np.pi / 2, np.pi)
+            )
+            return np.arctan2(-(up - (across + back) / 2), -(across - back) / 2)
+
+        def turning(alpha, c=c, of_f=of_f, lowest=lowest):
+            of_e, pivots = lowest(alpha), (c, base(alpha, 1.0))
+            more, less = (four_bar_energy(pivots, (of_e, of_f + s), arm.design, load) for s in (step, -step))
+            return more - less
+
+        for alpha in sign_changes(turning, 20_001):
+            angles, d = (lowest(np.array([alpha])), of_f), base(np.array([alpha]), 1.0)
+
+            def moved(i, j, c=c, d=d, angles=angles):
+                shifted = (angles[0] + 100 * step * i, angles[1] + 100 * step * j)
+                return four_bar_energy((c, d), shifted, arm.design, load)[0]
+
+            mixed = (moved(1, 1) - moved(1, -1) - moved(-1, 1) + moved(-1, -1)) / 4
+            diagonal = [moved(i, j) + moved(-i, -j) - 2 * moved(0, 0) for i, j in ((1, 0), (0, 1))]
+            if np.linalg.eigvalsh([[diagonal[0], mixed], [mixed, diagonal[1]]])[0] > 0:
+                e = d[:, 0] + length * np.array([np.cos(angles[0][0]), np.sin(angles[0][0])])
+                found.append((c[:, 0], d[:, 0], e, np.array([x, y])))
+    return found
+
+
+@pytest.mark.parametrize("is_loaded", [False, True])
+def test_of_the_four_bar_they_are_the_stable_equilibria_that_touch_nothing(is_loaded):
+    """Against a scan of energies, with nodes by hand and distances by Shapely, its own bars among them."""
+    arm, rng, kept, left_out = PlanarFourBar(), np.random.default_rng(4), 0, 0
+    base, length = np.array([[0.0, 0.0], [arm.length, 0.0]]), arm.length
+    pairs = ("AD", "BC"), ("AD", "CF"), ("BC", "DE")  # see docs/obstacles.md
+    while kept < 30 or left_out < 10:
+        lengths = tuple(rng.uniform(0.2, 1.3, 2) * length)
+        if not 0.1 < arm.flatness(lengths)[0] < 0.9:
+            continue
+        x, y = (float(v) for v in arm.forward_kinematics(lengths, rng.choice([1, -1])).tip)
+        load = tuple(rng.normal(0, 0.05 * arm.largest_force, 2)) if is_loaded else (0.0, 0.0)
+        obstacles = [Disc(tuple(rng.uniform(-0.5, 1.5, 2) * length), rng.uniform(0.1, 0.4) * length)]
+        least, own_bars = rng.choice([0.0, 0.02]) * length, bool(rng.integers(2))
+        expected = []
+        for c, d, e, f in four_bar_by_energy(arm, x, y, load):
+            bars = {"AD": (base[0], d), "BC": (base[1], c), "DE": (d, e), "CF": (c, f)}
+            lines = {name: shapely.LineString(bar) for name, bar in bars.items()}
+            gaps = [by_shapely(obstacles[0], bar) for bar in bars.values()]
+            gaps += [lines[i].distance(lines[j]) for i, j in pairs if own_bars]
+            left_out += min(gaps) <= least
+            if min(gaps) > least:
+                expected.append((np.hypot(*c), np.hypot(*(d - base[1])), min(gaps)))
+        found = clear_solutions(arm, x, y, obstacles, least=least, load=load, own_bars=own_bars)
+        kept += len(found)
+        gaps = [one.clearance for one in found]
+        assert gaps == sorted(gaps, reverse=True)
+        assert gaps == [one.objective for one in found]
+        ours = sorted((*one.lengths, one.clearance) for one in found)
+        assert len(ours) == len(expected)
+        np.testing.assert_allclose(ours, sorted(expected), atol=1e-6 * length)
+        assert all(arm.tip(one.configuration, one.lengths) == pytest.approx((x, y), abs=1e-9) for one in found)
+        for objective, start in (("sum", None), ("max", (2.0, 3.0)), ("squares", (2.0, 3.0)), ("margin", None)):
+            again = clear_solutions(arm, x, y, obstacles, objective, start, least, load, own_bars)
+            assert sorted(one.lengths for one in again) == sorted(one.lengths for one in found)
+            values = [one.objective for one in again]
+            assert values == sorted(values, reverse=objective == "margin")
+            for one in again:
+                move = np.abs(np.subtract(one.lengths, start or (length, length)))
+                margins = [
+                    margin(one.configuration, one.lengths, load) for margin in (arm.stability_margin, arm.wrench_margin)
+                ]
+                wanted = {"sum": move.sum(), "max": move.max(), "squares": move @ move, "margin": min(margins)}[
+                    objective
+                ]
+                assert one.objective == pytest.approx(wanted)
 
 
 @pytest.mark.parametrize("objective", ["clearance", "max"])
@@ -172,5 +286,11 @@ def test_an_obstacle_on_the_base_leaves_nothing_and_wrong_calls_are_explained():
         clear_solutions(arm, np.nan, 0.05, [disc])
     with pytest.raises(ValueError, match="two joints or more"):
         clear_solutions(DualTriangle(segments=1), 0.2, 0.05, [disc])
-    with pytest.raises(TypeError, match="PlanarFourBar: must be one of TwoX, NX, DualTriangle"):
-        clear_solutions(PlanarFourBar(), 0.2, 0.05, [disc])
+    with pytest.raises(TypeError, match="SpatialPrism: must be one of TwoX, NX, DualTriangle, PlanarFourBar"):
+        clear_solutions(SpatialPrism(), 0.2, 0.05, [disc])
+    assert clear_solutions(PlanarFourBar(), 99.0, 0.0, [disc]) == []
+    with pytest.raises(ValueError, match="one or more"):
+        clear_solutions(PlanarFourBar(), 99.0, 0.0, [])
+    batch = PlanarFourBar(PlanarFourBarDesign(10.0, np.array([100.0, 90.0])))
+    with pytest.raises(ValueError, match="clear_solutions takes one design"):
+        clear_solutions(batch, 0.2, 0.05, [disc])

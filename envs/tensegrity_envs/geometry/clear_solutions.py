@@ -4,7 +4,8 @@ Of arms whose solutions are finitely many, all are found and those that touch so
 points of the self-motion move downhill, as for the redundancy without obstacles (`mechanics.n_x.redundancy`,
 `mechanics.dual_triangle.local_optima`); what is not clear counts as worse than everything, so that they stop where an
 obstacle begins, as they do at joint limits. Each connected component of the clear part of a self-motion that a start
-is in has its optimum in the list; components narrower than the starts are dense can be missed.
+is in has its optimum in the list; components narrower than the starts are dense can be missed. Solutions of the planar
+4-bar are stable equilibria, and actuator lengths are part of them: its angles alone do not say where its bars are.
 """
 
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.geometry.clearance import Obstacle, clearance
+from tensegrity_envs.geometry.own_bars import own_pairs
 from tensegrity_envs.mechanics.checks import check_finite, check_single
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle
 from tensegrity_envs.mechanics.dual_triangle.local_optima import GROUP, SAME, grouped, slide
@@ -21,10 +23,11 @@ from tensegrity_envs.mechanics.dual_triangle.local_optima import starts as trian
 from tensegrity_envs.mechanics.n_x import NX
 from tensegrity_envs.mechanics.n_x.postures import postures_at
 from tensegrity_envs.mechanics.n_x.redundancy import Measure, measure_of, walk
+from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 from tensegrity_envs.mechanics.two_x import TwoX
 
 Objective = Literal["clearance", "sum", "max", "squares", "margin"]
-CLEARED = (TwoX, NX, DualTriangle)
+CLEARED = (TwoX, NX, DualTriangle, PlanarFourBar)
 _OBJECTIVES = ("clearance", "sum", "max", "squares", "margin")
 _LARGER_IS_BETTER = ("clearance", "margin")
 _STARTS = 200
@@ -36,12 +39,14 @@ class ClearSolution(NamedTuple):
     Attributes:
         configuration: the joint angles [rad].
         clearance: least signed clearance of any bar [m].
-        objective: its value [m for "clearance"; rad; rad^2 for "squares"; - for "margin"].
+        objective: its value [m for "clearance"; - for "margin"; the others as `start`, squared for "squares"].
+        lengths: actuator lengths of the planar 4-bar [m]; other arms have none.
     """
 
     configuration: tuple[float, ...]
     clearance: float
     objective: float
+    lengths: tuple[float, ...] | None = None
 
 
 def clear_solutions(
@@ -53,22 +58,25 @@ def clear_solutions(
     start: Sequence[float] | None = None,
     least: float = 0.0,
     load: Sequence[float] = (0.0, 0.0),
+    own_bars: bool = False,
 ) -> list[ClearSolution]:
     """Configurations within the joint limits with the tip at (x, y) [m] and no bar in an obstacle, the best first.
 
-    Of two joints all of them; of three the local optima of the objective along the self-motion curves; of more, where
-    200 starts slide to (to about 1e-4 rad).
+    Of two joints all of them, and of the planar 4-bar all stable equilibria under the load; of three joints the local
+    optima of the objective along the self-motion curves; of more, where 200 starts slide to (to about 1e-4 rad).
 
     Args:
-        mechanism: a `TwoX`, an `NX` or a `DualTriangle` of two joints or more, of one design.
+        mechanism: a `TwoX`, an `NX` or a `DualTriangle` of two joints or more, or a `PlanarFourBar`; of one design.
         x: target [m].
         y: target [m].
-        obstacles: one or more.
+        obstacles: one or more; none will do where its own bars count.
         objective: "clearance" or "margin" (the smaller one of stability and wrench margin), to be large; "sum", "max"
             or "squares" of the displacements from `start`, to be small.
-        start: joint angles [rad]; zero by default.
+        start: joint angles [rad], zero by default; of the 4-bar actuator lengths [m], by default L, half of their
+            range.
         least: clearance that solutions exceed [m].
-        load: (fx, fy) [N], for "margin".
+        load: (fx, fy) [N], for "margin" and for the equilibria of the 4-bar.
+        own_bars: whether the mechanism's own bars that can meet count as obstacles, too (`own_bars.own_pairs`).
 
     Returns:
         The solutions, none where none was found.
@@ -79,18 +87,23 @@ def clear_solutions(
             joint or is a batch of designs.
     """
     joints = _joints(mechanism)
-    check_single(mechanism._probe, "clear_solutions")
-    begin = (0.0,) * joints if start is None else start
+    is_four_bar = isinstance(mechanism, PlanarFourBar)
+    check_single(mechanism.length * mechanism.stiffness if is_four_bar else mechanism._probe, "clear_solutions")
+    begin = (float(mechanism.length) if is_four_bar else 0.0,) * joints if start is None else start
     for name, numbers, count in (("target", (x, y), 2), ("start", begin, joints), ("least", (least,), 1)):
         check_finite(name, numbers, count)
     check_finite("load", load, 2)
     if objective not in _OBJECTIVES:
         raise ValueError(f"objective = {objective!r}: must be one of {', '.join(_OBJECTIVES)}")
+    pairs = own_pairs(mechanism) if own_bars else ()
 
-    def gap(q: np.ndarray) -> np.ndarray:
-        return np.asarray(clearance(mechanism, tuple(q), obstacles))
+    def gap(q: np.ndarray, inputs: Any = None) -> np.ndarray:
+        return np.asarray(clearance(mechanism, tuple(q), obstacles, inputs, pairs))
 
-    measure = _measure(mechanism, objective, np.array(begin, float)[:, None], load, gap, least)
+    from_start = np.array(begin, float)[:, None]
+    if is_four_bar:
+        return _of_four_bar(mechanism, float(x), float(y), objective, from_start, load, gap, least)
+    measure = _measure(mechanism, objective, from_start, load, gap, least)
     place = np.array([float(x)]), np.array([float(y)])
     owner, q = _postures(mechanism, *place)
     if not len(owner):
@@ -122,7 +135,7 @@ def _joints(mechanism: Any) -> int:
     if not isinstance(mechanism, CLEARED):
         names = ", ".join(kind.__name__ for kind in CLEARED)
         raise TypeError(f"clear_solutions: {type(mechanism).__name__}: must be one of {names}")
-    joints = int(mechanism.degrees_of_freedom)
+    joints = 2 if isinstance(mechanism, PlanarFourBar) else int(mechanism.degrees_of_freedom)
     if joints < 2:
         raise ValueError("clear_solutions: for two joints or more, not for 1: its tip moves along a curve")
     return joints
@@ -136,6 +149,39 @@ def _postures(mechanism: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray,
         return postures_at(mechanism, x, y, _STARTS)
     q = np.array([one.configuration for one in mechanism.inverse_kinematics(float(x[0]), float(y[0]))]).reshape(-1, 2).T
     return np.zeros(q.shape[1], int), q
+
+
+def _of_four_bar(
+    mechanism: PlanarFourBar,
+    x: float,
+    y: float,
+    objective: str,
+    start: np.ndarray,
+    load: Sequence[float],
+    gap: Any,
+    least: float,
+) -> list[ClearSolution]:
+    """The stable equilibria with the tip at the target that are clear by more than `least`, the best first."""
+    at_target = [one for one in mechanism.inverse_kinematics(x, y, load) if one.is_stable]
+    q = np.array([one.configuration for one in at_target]).reshape(-1, 2).T
+    lengths = np.array([one.lengths for one in at_target]).reshape(-1, 2).T
+    gaps = gap(q, tuple(lengths))
+    if objective == "clearance":
+        value = gaps
+    elif objective == "margin":
+        margins = (
+            margin(tuple(q), tuple(lengths), load) for margin in (mechanism.stability_margin, mechanism.wrench_margin)
+        )
+        value = np.minimum(*margins)
+    else:
+        value = measure_of(mechanism, objective, start, load)(lengths, np.zeros(q.shape[1], int))
+    sign = -1.0 if objective in _LARGER_IS_BETTER else 1.0
+    order = np.argsort(sign * value, kind="stable")
+    return [
+        ClearSolution(tuple(q[:, i].tolist()), float(gaps[i]), float(value[i]), tuple(lengths[:, i].tolist()))
+        for i in order
+        if gaps[i] > least
+    ]
 
 
 def _measure(
