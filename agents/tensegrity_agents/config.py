@@ -248,8 +248,22 @@ class Experiment(_Strict):
         return value
 
     @model_validator(mode="after")
+    def _options_fit(self) -> "Experiment":
+        evaluated = env_options.check_options(self.env, self.options)
+        trained = env_options.check_options(self.env, self.training_options)
+        spaces = [
+            (core.observation_space["observation"].shape, core.action_space.shape) for core in (evaluated, trained)
+        ]
+        if spaces[0] != spaces[1]:
+            raise ValueError(
+                f"train.env_options: an agent with observations and actions of sizes {spaces[1]} cannot be evaluated "
+                f"on {self.env}, where they are {spaces[0]}"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _controllers_are_known(self) -> "Experiment":
-        known = baselines_of(self.env)
+        known = baselines_of(self.env, self.options)
         for name in self.controllers or []:
             if name not in known and ":" not in name:
                 raise ValueError(f"no controller {name!r}; there are {', '.join(known)}, or your own as 'module:Class'")
@@ -258,7 +272,7 @@ class Experiment(_Strict):
     @property
     def compared(self) -> list[str]:
         """The controllers that agents are compared with: those given, else all baselines of the environment."""
-        return list(baselines_of(self.env)) if self.controllers is None else self.controllers
+        return list(baselines_of(self.env, self.options)) if self.controllers is None else self.controllers
 
     @model_validator(mode="after")
     def _hints_are_there(self) -> "Experiment":
@@ -277,7 +291,7 @@ class Experiment(_Strict):
             raise ValueError(f"teacher: needs algorithm: ppo, not {train.algorithm}")
         if teacher.timesteps > train.total_timesteps:
             raise ValueError(f"teacher.timesteps: at most total_timesteps, {train.total_timesteps}")
-        known = teachers_of(self.env)
+        known = teachers_of(self.env, self.training_options)
         if teacher.controller not in known:
             raise ValueError(
                 f"teacher.controller: no {teacher.controller!r} for {self.env}; there are {', '.join(known)}"
@@ -295,20 +309,6 @@ class Experiment(_Strict):
             raise ValueError(f"levels {levels}: must be different ones, at most as many as ppo.num_envs")
         for level in levels:
             env_options.check_options(self.env, self.training_options | {"level": level})
-        return self
-
-    @model_validator(mode="after")
-    def _options_fit(self) -> "Experiment":
-        evaluated = env_options.check_options(self.env, self.options)
-        trained = env_options.check_options(self.env, self.training_options)
-        spaces = [
-            (core.observation_space["observation"].shape, core.action_space.shape) for core in (evaluated, trained)
-        ]
-        if spaces[0] != spaces[1]:
-            raise ValueError(
-                f"train.env_options: an agent with observations and actions of sizes {spaces[1]} cannot be evaluated "
-                f"on {self.env}, where they are {spaces[0]}"
-            )
         return self
 
     @model_validator(mode="after")

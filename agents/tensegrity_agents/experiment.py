@@ -183,7 +183,7 @@ def evaluate_named(
     if split not in ("test", "validation"):
         raise ConfigError(f"--split {split}: must be test or validation")
     own = env_options.canonical(env_id, options)
-    chosen = dict.fromkeys(names or ([] if policies else list(baselines_of(env_id))[:1]))
+    chosen = dict.fromkeys(names or ([] if policies else list(baselines_of(env_id, options))[:1]))
     scored: list[tuple[str, Any, str]] = [
         (name, load_pretrained(env_id, own), "agent")
         if name == AGENT
@@ -229,9 +229,8 @@ def candidates(pair: tuple[str, str], results: Path, options: Mapping[str, Any] 
         if agents:
             found.append(Candidate("agent", home, agents))
         env = unwrapped(gym.make(home, **options))
-        found += [
-            Candidate(name, home, [make(env.core)]) for name, make in baselines_of(home).items() if name != "random"
-        ]
+        makers = baselines_of(home, options).items()
+        found += [Candidate(name, home, [make(env.core)]) for name, make in makers if name != "random"]
     return found
 
 

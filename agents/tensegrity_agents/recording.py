@@ -57,9 +57,9 @@ def dataset_id(env_id: str, options: Mapping[str, Any], controller: str) -> str:
     return f"tensegrity/{name}/{controller.replace(':', '-')}-v0"
 
 
-def standing_in(env_id: str, name: str) -> str:
+def standing_in(env_id: str, name: str, options: Mapping[str, Any] | None = None) -> str:
     """The baseline of this name, or where an environment has no oracle or servo what stands in for it."""
-    known = baselines_of(env_id)
+    known = baselines_of(env_id, options)
     beginning = _STAND_INS.get(name)
     if name in known or beginning is None:
         return name
@@ -110,7 +110,7 @@ def record(
         raise ConfigError(f"seeds {seed} to {seed + episodes - 1}: must be from 0 to {VALIDATION_SEED - 1}")
     players: dict[str, Controller] = {}
     for asked in controllers:
-        name = standing_in(env_id, asked)
+        name = standing_in(env_id, asked, given)
         if name != asked:
             remark(f"{env_id} has no {asked}: {name} stands in for it")
         players[name] = _agent(env_id, given, policy) if name == AGENT else make_controller(name, env_id, given)

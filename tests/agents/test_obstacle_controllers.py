@@ -12,9 +12,12 @@ from scipy.spatial import cKDTree
 
 from baseline_runs import run_of, success_of
 from obstacle_ids import IDS
-from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.config import ConfigError, Experiment
+from tensegrity_agents.controllers import baselines_of, make_controller, teachers_of
 from tensegrity_agents.controllers.obstacles.clearing import Clearing
 from tensegrity_agents.controllers.obstacles.planning import PathPlanner
+from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.experiment import evaluate_named
 from tensegrity_envs.geometry.clearance import bars_of
 from tensegrity_envs.seeding import VALIDATION_SEED
 
@@ -183,3 +186,32 @@ def test_the_gradient_of_the_clearance_points_away(env_id):
 def test_an_environment_without_obstacles_has_no_clearing():
     with pytest.raises(TypeError, match="NXReach: has no obstacles"):
         Clearing(gym.make("tensegrity/ThreeXReach-v0").unwrapped.core)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "arm"), [(name, name.replace("Reach", "ObstacleReach")) for name in ("TwoXReach", "PlanarFourBarReach")]
+)
+def test_an_environment_that_is_given_another_arm_has_its_controllers(env_id, arm):
+    env_id, own, given = f"tensegrity/{env_id}-v0", f"tests/{arm}-v0", {"arm": arm}
+    assert list(baselines_of(env_id, given)) == list(baselines_of(own))
+    assert list(teachers_of(env_id, given)) == list(teachers_of(own))
+    assert "planner" not in baselines_of(env_id)
+    runs = [
+        evaluate(make_controller("planner", which, options), which, 3, VALIDATION_SEED, "planner", env_options=options)
+        for which, options in ((env_id, given), (own, None))
+    ]
+    for key in runs[0].columns:
+        np.testing.assert_array_equal(*(run.columns[key] for run in runs))
+    first = evaluate_named(env_id, [], [], given, 2, "validation", lambda *_: None)
+    assert [run.controller for run in first] == [next(iter(baselines_of(own)))]
+    experiment = Experiment(env=env_id, train={"total_timesteps": 1}, env_options=given)
+    assert experiment.compared == list(baselines_of(own))
+    with pytest.raises(ConfigError, match="no controller 'oracle'"):
+        experiment.changed(controllers=["oracle"])
+
+
+def test_another_backend_has_the_controllers_of_that():
+    env_id = "tensegrity/TwoXTensionReach-v0"
+    dynamic = list(baselines_of("tensegrity/TwoXTensionReachMuJoCo-v0"))
+    assert list(baselines_of(env_id, {"backend": "mujoco"})) == dynamic
+    assert list(baselines_of(env_id, {"backend": "quasi_static"})) == list(baselines_of(env_id))

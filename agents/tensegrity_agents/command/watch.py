@@ -47,8 +47,9 @@ def chosen_player(env_id: str, controller: str | None, policy: Path | None, opti
 
 def strongest(env_id: str, options: dict[str, Any]) -> tuple[str, Any]:
     """The oracle of an environment, or else the strongest baseline that takes these options."""
-    by_strength = ["random", *(name for name in baselines_of(env_id) if name not in ("random", "oracle"))]
-    if "oracle" in baselines_of(env_id):
+    known = baselines_of(env_id, options)
+    by_strength = ["random", *(name for name in known if name not in ("random", "oracle"))]
+    if "oracle" in known:
         by_strength.append("oracle")
     while True:
         name = by_strength.pop()

@@ -13,7 +13,7 @@ from tensegrity_agents.own_modules import own_module
 from tensegrity_envs.core import Core
 from tensegrity_envs.env import unwrapped
 
-__all__ = ["BASELINES", "DYNAMIC", "baselines_of", "make_controller", "register_baselines", "teachers_of"]
+__all__ = ["BASELINES", "DYNAMIC", "arm_of", "baselines_of", "make_controller", "register_baselines", "teachers_of"]
 
 # A folder for each mechanism, which has its tables (`base.Makers`).
 FOLDERS = [import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__) if found.ispkg]
@@ -35,19 +35,37 @@ _UNCERTAIN = _collected("UNCERTAIN")
 _INFORMED = _collected("INFORMED")
 
 
-def teachers_of(env_id: str) -> dict[str, Callable[[Core], Any]]:
+def teachers_of(env_id: str, options: Mapping[str, Any] | None = None) -> dict[str, Callable[[Core], Any]]:
     """What can teach an agent in an environment, by name: its planners that are told the truth, its other baselines,
     and those that only teach.
+
+    Args:
+        env_id: Gymnasium id.
+        options: of that environment.
     """
-    baselines = {name: make for name, make in baselines_of(env_id).items() if name != "random"}
-    return baselines | TEACHERS.get(gym.spec(env_id).kwargs["arm"], {})
+    baselines = {name: make for name, make in baselines_of(env_id, options).items() if name != "random"}
+    return baselines | TEACHERS.get(arm_of(env_id, options), {})
 
 
-def baselines_of(env_id: str) -> dict[str, Callable[[Core], Any]]:
-    """The baselines of an environment by name, the strongest last but for the random one."""
+def arm_of(env_id: str, options: Mapping[str, Any] | None = None) -> str:
+    """The name of an environment's arm: that of its id, unless its options name another."""
+    return str((options or {}).get("arm") or gym.spec(env_id).kwargs["arm"])
+
+
+def baselines_of(env_id: str, options: Mapping[str, Any] | None = None) -> dict[str, Callable[[Core], Any]]:
+    """The baselines of an environment by name, the strongest last but for the random one.
+
+    Args:
+        env_id: Gymnasium id.
+        options: of that environment; with another `arm` or `backend` it has the baselines of these.
+    """
     kwargs = gym.spec(env_id).kwargs
-    table = DYNAMIC if kwargs.get("backend", "quasi_static") == "mujoco" else BASELINES
-    found = _OWN.get(env_id) or table.get(kwargs["arm"], {})
+    backends = [given.get("backend", "quasi_static") for given in (kwargs, {**kwargs, **(options or {})})]
+    table = DYNAMIC if backends[1] == "mujoco" else BASELINES
+    arm = arm_of(env_id, options)
+    if arm != kwargs["arm"] or backends[0] != backends[1]:
+        return {**table.get(arm, {}), "random": RandomController}
+    found = _OWN.get(env_id) or table.get(arm, {})
     name = env_id.removeprefix("tensegrity/").removesuffix("-v0")
     return {**found, **_UNCERTAIN.get(name, {}), **_INFORMED.get(name, {})} | {"random": RandomController}
 
@@ -75,15 +93,15 @@ def make_controller(name: str, env_id: str, options: Mapping[str, Any] | None = 
     """A baseline by name, or a class of your own as "module:Class".
 
     Args:
-        name: one of `baselines_of(env_id)`, or "module:Class"; the module is looked up on the path and in the working
-            directory, the class is called without arguments.
+        name: one of `baselines_of(env_id, options)`, or "module:Class"; the module is looked up on the path and in the
+            working directory, the class is called without arguments.
         env_id: Gymnasium id of the environment that it will control.
         options: of that environment.
 
     Raises:
         ValueError: there is no such controller, or it cannot be made; the message says what there is.
     """
-    baselines = baselines_of(env_id)
+    baselines = baselines_of(env_id, options)
     if name in baselines:
         env = unwrapped(gym.make(env_id, **(options or {})))
         return baselines[name](env.core)

@@ -6,6 +6,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from tensegrity_agents.controllers.made_for import check_made_for
 from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.compiler.pytree import is_array, tree_leaves, tree_map
 from tensegrity_envs.core import Core
@@ -18,7 +19,7 @@ Batch = TypeVar("Batch")
 
 
 class Controller(Protocol):
-    """Whatever has Stable-Baselines3's `predict`; `begin_episodes` is optional.
+    """Whatever has Stable-Baselines3's `predict`; `begin_episodes` and `check_environment` are optional.
 
     Observations are the environment's Dict, batched: arrays of shape (n, ...). Actions: shape (n, action size),
     in [-1, 1].
@@ -27,6 +28,9 @@ class Controller(Protocol):
     episodes with the mask of the environments that begin one, the nominal design, and None; a controller whose class
     says `wants_privileged = True` (an oracle) gets the running `Episode`s, with their true designs and loads, instead
     of None.
+
+    `check_environment(core)`, where it is defined, is called with the core of the environment before anything else; a
+    controller that was made for another one raises a `ValueError` that names both.
     """
 
     def predict(
@@ -111,12 +115,15 @@ class AnalyticController(ABC, Generic[Memory]):
     Attributes:
         knows: its information set in words, for tables.
         wants_privileged: whether it asks the evaluation for the true episodes, as oracles do.
+        is_told_ranges: whether it uses the ranges of what differs from episode to episode, and so is made for a level
+            of uncertainty.
         rate: largest change of an input in one step.
         nominal: the mechanism of the nominal design.
         privileged: the true episodes, for those that ask for them.
     """
 
     wants_privileged = False
+    is_told_ranges = False
     knows = ""
 
     def __init__(self, core: Core) -> None:
@@ -124,6 +131,14 @@ class AnalyticController(ABC, Generic[Memory]):
         self.rate = core.simulation.rate
         self.privileged: Episode | None = None
         self._take(core.design)
+
+    def check_environment(self, core: Core) -> None:
+        """Refuse an environment that this controller was not made for.
+
+        Raises:
+            ValueError: it would misread it, or believes what is not so; see `made_for.check_made_for`.
+        """
+        check_made_for(self.core, core, self.is_told_ranges)
 
     def begin_episodes(self, mask: np.ndarray, design: Any, privileged: Episode | None = None) -> None:
         """Take the nominal design and, if this controller asks for them, the true episodes.

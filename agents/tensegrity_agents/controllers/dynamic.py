@@ -44,6 +44,7 @@ class Adapted(AnalyticController[Memory]):
         self.base: Any = base(core)
         self.knows = f"{self.base.knows}; {adds}"
         self.wants_privileged = self.base.wants_privileged
+        self.is_told_ranges = self.is_told_ranges or self.base.is_told_ranges
         simulation: Any = core.simulation
         self.simulation, (self.low, self.high) = simulation, simulation.bounds(core.nominal)
 

@@ -82,6 +82,7 @@ class LQG(FullSpeed[LQGMemory]):
     """
 
     tunable: ClassVar[dict[str, tuple[float, ...]]] = {"softness": (1.0, 3.0, 10.0), "smoothing": (3, 5, 8)}
+    is_told_ranges = True
     wait = 8  # steps
 
     def __init__(

@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from tensegrity_agents.controllers import FOLDERS
+from tensegrity_agents.controllers import FOLDERS, arm_of
 from tensegrity_agents.controllers.base import Observation, beginning
 from tensegrity_envs.env import unwrapped
 
@@ -34,7 +34,7 @@ class ModelFeatures:
 
     def __init__(self, env_id: str, options: dict[str, Any] | None = None) -> None:
         env = unwrapped(gym.make(env_id, **(options or {})))
-        arm = gym.spec(env_id).kwargs["arm"]
+        arm = arm_of(env_id, options)
         if arm not in FEATURES:
             known = [
                 i for i in gym.registry if i.startswith("tensegrity/") and gym.spec(i).kwargs.get("arm") in FEATURES

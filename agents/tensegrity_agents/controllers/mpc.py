@@ -92,6 +92,7 @@ class MPC(AnalyticController[MPCMemory]):
     """
 
     knows = "the nominal design and ranges; believes what an observer identifies; plans by sampling in that model"
+    is_told_ranges = True
     samples, elites, rounds, horizon = 128, 8, 2, 10
     colour, coarse, fine = 0.7, 0.6, 0.03
     tail, failed = 10.0, 3.0

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_agents.controllers.base import Controller
-from tensegrity_agents.evaluation.rollout import announce
+from tensegrity_agents.evaluation.rollout import announce, check_environment
 
 
 class Player:
@@ -14,6 +14,9 @@ class Player:
     Args:
         env: Gymnasium environment of this package, as `gym.make` or a wrapper has it.
         controller: see `controllers.base.Controller`.
+
+    Raises:
+        ValueError: the controller was made for another environment.
 
     Attributes:
         env: likewise.
@@ -24,6 +27,7 @@ class Player:
     """
 
     def __init__(self, env: Any, controller: Controller) -> None:
+        check_environment(controller, env.unwrapped.core)
         self.env, self._controller = env, controller
         self.observation: dict[str, np.ndarray] = {}
         self.info: dict[str, Any] = {}

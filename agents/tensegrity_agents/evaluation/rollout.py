@@ -13,6 +13,7 @@ import numpy as np
 from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.results import Run
 from tensegrity_envs import termination_reason
+from tensegrity_envs.core import Core
 from tensegrity_envs.vector_env import step_info
 
 
@@ -43,6 +44,17 @@ def begin_episodes(controller: Controller, envs: Any, count: int) -> None:
     announce(controller, envs.design, envs.episode, count)
 
 
+def check_environment(controller: Controller, core: Core) -> None:
+    """Ask a controller whether it was made for this environment, if it can tell.
+
+    Raises:
+        ValueError: it was made for another one; the message names both.
+    """
+    check = getattr(controller, "check_environment", None)
+    if check is not None:
+        check(core)
+
+
 def announce(controller: Controller, design: Any, episodes: Any, count: int = 1) -> None:
     """The same for environments of any kind.
 
@@ -67,6 +79,7 @@ def evaluate(
     env_options: dict[str, Any] | None = None,
     progress: Callable[[int, int], None] | None = None,
     batch: int = 1000,
+    made_elsewhere: bool = False,
 ) -> Run:
     """Evaluate a controller on the first episodes of the seeds first_seed, first_seed + 1, ...
 
@@ -80,9 +93,12 @@ def evaluate(
         env_options: further arguments of the environment.
         progress: called with (steps done, steps at most).
         batch: environments stepped at once.
+        made_elsewhere: let a controller act that says it was made for another environment, such as another level of
+            uncertainty: what is it worth there?
 
     Raises:
-        ControllerError: `predict` or `begin_episodes` raised an error, or the actions do not fit.
+        ControllerError: it was made for another environment, `predict` or `begin_episodes` raised an error, or the
+            actions do not fit.
     """
     parts = []
     actions_given, seconds = 0, 0.0
@@ -94,6 +110,15 @@ def evaluate(
         )
         shell: Any = envs.unwrapped
         core = shell.core
+        if first == 0 and not made_elsewhere:
+            try:
+                check_environment(controller, core)
+            except ValueError as error:
+                same = f", {dict(env_options)}" if env_options else ""
+                raise ControllerError(
+                    f"controller {name!r}: {error}. make_controller({name!r}, {env_id!r}{same}) makes one for these "
+                    "episodes; evaluate(..., made_elsewhere=True) lets this one act all the same"
+                ) from error
         record = _Record(count, limit, core.error_name)
         observation, info = envs.reset(seed=first_seed + first)
         record.add(info, np.zeros(count), np.ones(count, bool), initial=True)

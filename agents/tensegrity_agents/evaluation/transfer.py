@@ -73,7 +73,9 @@ def transfer(
                         progress(what, done, total, "")
 
                 kind = "agent" if candidate.name == "agent" else kind_of(candidate.name)
-                run = evaluate(controller, where, episodes, TEST_SEED, candidate.name, kind, seen, report)
+                run = evaluate(
+                    controller, where, episodes, TEST_SEED, candidate.name, kind, seen, report, made_elsewhere=True
+                )
                 run.training_seed = seed if kind == "agent" else None
                 runs[where].append(run)
         results.append(Transferred(candidate, runs))

@@ -76,7 +76,7 @@ class Teacher:
         own = {**options, "randomization": drawn, "level": 0}
         env = unwrapped(gym.make(env_id, **own))
         self.core = env.core
-        self.oracle = teachers_of(env_id)[name](self.core)
+        self.oracle = teachers_of(env_id, options)[name](self.core)
         sampled = self.core.sample(np.zeros(2, np.int64), np.arange(2)).episode
         try:
             self.oracle.begin_episodes(np.ones(2, bool), sampled.design, sampled)

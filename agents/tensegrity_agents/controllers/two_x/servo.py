@@ -149,6 +149,7 @@ class IdentifyingObserver(Servo):
     """A servo that identifies stiffness, mass and payload on the way, by recursive least squares. See the module."""
 
     knows = "the nominal design and the ranges of stiffness, mass, payload and noise; identifies them on the way"
+    is_told_ranges = True
     gate = 5.0  # standard deviations
 
     @property
