@@ -14,7 +14,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from tensegrity_agents import env_options
-from tensegrity_agents.config import ConfigError, Experiment, known_env, load_experiment
+from tensegrity_agents.config import ConfigError, Experiment, did_you_mean, known_env, load_experiment
 from tensegrity_agents.console import checked_folder, say
 from tensegrity_agents.yaml_file import read_yaml
 from tensegrity_envs.registration import ENTRIES
@@ -342,11 +342,9 @@ def find_experiment(config: Path | None, env: str | None, folder: Path | None = 
     folders = config_folders() if folder is None else [folder]
     found, unreadable = _configs_in(folders)
     if wanted not in found:
-        there = ", ".join(found) or "nothing"
         notes = "".join(f"\n  {note}" for note in unreadable)
         raise ConfigError(
-            f"no config for {wanted} in {' and '.join(f'{place.absolute()}{os.sep}' for place in folders)}; "
-            f"there are configs for {there}; "
-            f"--config takes a file from anywhere{notes}"
+            f"no config for {wanted} in {' and '.join(f'{place.absolute()}{os.sep}' for place in folders)}"
+            f"{did_you_mean(wanted, found)}; --config takes a file from anywhere{notes}"
         )
     return load_experiment(found[wanted])

@@ -1,5 +1,6 @@
 """Experiments as YAML, validated: an unknown or ill-typed key is an error that names it and says what would work."""
 
+from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -23,7 +24,7 @@ from tensegrity_agents.controllers.model_features import ModelFeatures
 from tensegrity_agents.own_modules import own_module
 from tensegrity_agents.yaml_file import ConfigError, read_yaml
 
-__all__ = ["ConfigError", "Experiment", "TrainConfig", "known_env", "load_experiment"]
+__all__ = ["ConfigError", "Experiment", "TrainConfig", "did_you_mean", "known_env", "load_experiment"]
 
 
 class _Strict(BaseModel):
@@ -347,11 +348,23 @@ def known_env(name: str) -> str:
         raise ConfigError(f"environment {name!r}: {module} registers no {own!r}")
     full = name if name.startswith("tensegrity/") else f"tensegrity/{name}"
     if full not in tensegrity_envs.ENV_IDS:
-        close = get_close_matches(full, tensegrity_envs.ENV_IDS, 1)
-        hint = f" (did you mean {close[0]}?)" if close else ""
-        known = ", ".join(tensegrity_envs.ENV_IDS)
-        raise ConfigError(f"no environment {name!r}{hint}; there are {known}, or your own as 'module:id'")
+        hint = did_you_mean(name, tensegrity_envs.ENV_IDS)
+        raise ConfigError(f"no environment {name!r}{hint}; `tensegrity list` tells all, your own is 'module:id'")
     return full
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The nearest few of the known ids as a question, which is empty where none is near; all without namespaces."""
+
+    def bare(env_id: str) -> str:
+        return env_options.short_name(env_id).lower().removesuffix("-v0")
+
+    spelt = {bare(env_id): env_options.short_name(env_id) for env_id in known}
+    close = [spelt[one] for one in get_close_matches(bare(name), spelt, 3, 0.5)]
+    if not close:
+        return ""
+    *others, last = close
+    return f": did you mean {', '.join(others)}{' or ' if others else ''}{last}?"
 
 
 def load_experiment(path: Path) -> Experiment:

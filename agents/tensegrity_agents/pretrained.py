@@ -1,13 +1,13 @@
 """The policies that come with the package, one for each id that has any."""
 
 from collections.abc import Mapping
-from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tensegrity_envs
+from tensegrity_agents.config import did_you_mean
 
 if TYPE_CHECKING:
     from tensegrity_agents.sb3.policy_file import TrainedPolicy
@@ -41,14 +41,12 @@ def load_pretrained(env_id: str, options: Mapping[str, Any] | None = None) -> "T
     short = env_id.rpartition("/")[2]
     name = f"tensegrity/{short}"
     if name not in pretrained_ids():
-        there = [one.removeprefix("tensegrity/") for one in pretrained_ids()]
-        close = get_close_matches(short, there, 1)
-        known = name in tensegrity_envs.ENV_IDS
+        if name not in tensegrity_envs.ENV_IDS:
+            hint = did_you_mean(short, pretrained_ids())
+            raise ValueError(f"no policy is shipped for {env_id}, which is no environment of this package{hint}")
+        there = ", ".join(one.removeprefix("tensegrity/") for one in pretrained_ids())
         raise ValueError(
-            f"no policy is shipped for {env_id}"
-            + ("" if known else ", which is no environment of this package")
-            + (f" (did you mean {close[0]}?)" if close and not known else "")
-            + f"; there are policies for {', '.join(there) or 'no environment yet'}"
-            + (f", and `tensegrity train {short}` trains one where it has a config" if known else "")
+            f"no policy is shipped for {env_id}; there are policies for {there}, and `tensegrity train {short}` trains "
+            "one where it has a config"
         )
     return load_policy(FOLDER / short, name, options)

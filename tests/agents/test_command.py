@@ -13,6 +13,7 @@ from drawn_analyses import DESIGNS
 from typer.testing import CliRunner
 
 import tensegrity_envs
+from tensegrity_agents import benchmark
 from tensegrity_agents.command import SUBCOMMANDS
 from tensegrity_agents.command.list import described, detailed
 from tensegrity_agents.command.program import app, load
@@ -230,23 +231,42 @@ def test_without_mujoco_the_rest_is_compiled():
     ("arguments", "answer"),
     [
         ("nothing", "No such command"),
-        ("watch TwoXReach", "did you mean tensegrity/TwoXReach-v0"),
+        ("watch TwoXReach", "did you mean TwoXReach-v0"),
         ("watch TwoXReach-v0 --record film.avi", "must end in .gif or .mp4"),
         ("watch TwoXReach-v0 --record {here}/none/film.gif --controller nobody", "there are closed_form_ik"),
         ("watch TwoXReach-v0 --controller oracle --policy {here}", "give one of them"),
         ("watch TwoXReach-v0 --policy {here} --record {here}/film.gif", "policy.safetensors"),
         ("compile TwoX", "did you mean"),
+        ("bench --ids twoxreach", "did you mean TwoXReach-v0"),
+        ("campaign --ids TwoXReach-v0,TwoXReech-v0", "did you mean TwoXReach-v0"),
+        ("export ThreeXReech-v0 policy.onnx", "did you mean ThreeXReach-v0"),
+        ("evaluate Nothing-v0", "no environment 'Nothing-v0'; `tensegrity list` tells all"),
         ("play TwoX", "did you mean"),
-        ("compare TwoXReach", "did you mean tensegrity/TwoXReach-v0"),
+        ("compare TwoXReach", "did you mean TwoXReach-v0"),
         ("train TwoXReach-v0 --env TwoXReach-v0", "give one of them"),
         ("evaluate TwoXReach-v0 --env TwoXReach-v0", "give one of them"),
-        ("list TwoXReach", "did you mean tensegrity/TwoXReach-v0"),
+        ("list TwoXReach", "did you mean TwoXReach-v0"),
     ],
 )
 def test_a_slip_is_one_message(arguments, answer, tmp_path):
     code, text = run(*arguments.format(here=tmp_path).split())
     assert code == 2
     assert answer in text
+
+
+def test_a_mistyped_id_is_answered_with_few_others():
+    """And not with a wall of all there are."""
+    _, text = run("evaluate", "TwoXTensionReech-v0")
+    assert "TwoXTensionReach-v0" in text
+    assert 0 < sum(f"{name.removeprefix('tensegrity/')}" in text for name in tensegrity_envs.ENV_IDS) <= 3
+
+
+@pytest.mark.parametrize("prefix", ["", "tensegrity/"])
+def test_bench_takes_ids_with_and_without_their_namespace(prefix, monkeypatch):
+    asked = []
+    monkeypatch.setattr(benchmark, "compiling", lambda ids, _: asked.extend(ids) or [])
+    code, text = run("bench", "--only", "compiling", "--ids", f"{prefix}TwoXReach-v0, {prefix}ThreeXReach-v0")
+    assert (code, asked) == (0, ["tensegrity/TwoXReach-v0", "tensegrity/ThreeXReach-v0"]), text
 
 
 def test_watch_films_the_shipped_policy(tmp_path):
@@ -313,8 +333,8 @@ def test_slips_in_options_of_environments_are_told(given, message):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("Nope-v0", "Nope-v0, which is no environment of this package; there are policies for .*TwoXReach-v0"),
-        ("TwoXReach", r"\(did you mean TwoXReach-v0\?\)"),
+        ("Nope-v0", "Nope-v0, which is no environment of this package$"),
+        ("TwoXReach", "which is no environment of this package: did you mean TwoXReach-v0"),
         ("TwoXPayloadReach-v0", "`tensegrity train TwoXPayloadReach-v0`"),
     ],
 )
@@ -341,7 +361,7 @@ def test_configs_come_with_the_package(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert find_experiment(None, "TwoXTensionReach-v0").env == "tensegrity/TwoXTensionReach-v0"
     assert list(shipped_configs().glob("*.yaml"))
-    with pytest.raises(ConfigError, match="there are configs for nothing"):
+    with pytest.raises(ConfigError, match=r"no config for tensegrity/TwoXReach-v0 in .*; --config takes a file"):
         find_experiment(None, "TwoXReach-v0", tmp_path)
 
 
@@ -357,4 +377,4 @@ def test_policies_are_small_and_one_that_is_missing_is_named():
     assert "tensegrity/TwoXReach-v0" in pretrained_ids()
     assert sum(path.stat().st_size for path in FOLDER.rglob("*")) < 10e6
     with pytest.raises(ValueError, match=r"there are policies for .* TwoXReach-v0"):
-        load_pretrained("NoSuchReach-v0")
+        load_pretrained("TwoXFastReachMuJoCo-v0")

@@ -536,7 +536,7 @@ def test_a_controller_of_ones_own(tmp_path, monkeypatch):
     ("text", "match"),
     [
         ("env: tensegrity/TwoXReach-v0\ntrain: {total_timestep: 5}", "total_timesteps"),
-        ("env: tensegrity/TwoXReech-v0\ntrain: {total_timesteps: 5}", "did you mean tensegrity/TwoXReach-v0"),
+        ("env: tensegrity/TwoXReech-v0\ntrain: {total_timesteps: 5}", "did you mean TwoXReach-v0"),
         ("env: TwoXReach-v0\ntrain: {total_timesteps: lots}", "train.total_timesteps"),
         ("env: TwoXReach-v0\ntrain: {total_timesteps: 5, ppo: {gama: 0.9}}", "'gamma'"),
         ("env: TwoXReach-v0\ntrain: {total_timesteps: 5, ppo: {gamma: .nan}}", "gamma"),

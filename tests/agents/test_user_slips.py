@@ -120,7 +120,7 @@ EXPERIMENTS = [  # of train.py and compare.py alike
     ("--config net.yaml", "net_arch"),
     ("--config her.yaml", "at least one episode"),
     ("--config good.yaml --env DualTriangleReach-v0", "give one of them"),
-    ("--env TwoXRech-v0", "did you mean tensegrity/TwoXReach-v0"),
+    ("--env TwoXRech-v0", "did you mean TwoXReach-v0"),
     ("--env [/bold]", "no environment '[/bold]'"),
 ]
 OPTIONS = [  # of train.py, compare.py and evaluate.py alike
@@ -151,7 +151,7 @@ OTHERS = [
     ("compare", "--controller closed_form", "closed_form_ik"),
     ("compare", "--controller slip_controllers:NeedsArguments", "without arguments"),
     ("compare", "--episodes 0", "--episodes"),
-    ("evaluate", "--env TwoXRech-v0", "did you mean tensegrity/TwoXReach-v0"),
+    ("evaluate", "--env TwoXRech-v0", "did you mean TwoXReach-v0"),
     ("evaluate", "--split train", "test or validation"),
     ("evaluate", "--episodes 0", "--episodes"),
     ("evaluate", "--csv file/below.csv", "--csv file/below.csv: file is a file, not a folder"),

@@ -10,7 +10,7 @@ from tensegrity_agents import benchmark
 from tensegrity_agents.benchmark_against import against as compare
 from tensegrity_agents.benchmark_memory import memory
 from tensegrity_agents.command_options import find_experiment
-from tensegrity_agents.config import ConfigError
+from tensegrity_agents.config import ConfigError, known_env
 from tensegrity_agents.console import clear_errors, console, say
 
 _PARTS = ("all", "single", "vector", "dynamics", "ppo", "redundancy", "compiling", "memory")
@@ -28,7 +28,8 @@ def main(
     ids: Annotated[
         str,
         typer.Option(
-            help="with --against: comma-separated ids, or all quasi-static ones; with --only compiling: those, or all"
+            help="such as TwoXReach-v0, with commas between them; with --against: of those, all being the quasi-static "
+            "ones; with --only compiling: of those"
         ),
     ] = "all",
     rounds: Annotated[int, typer.Option(min=1, help="with --against: blocks of steps of each build")] = 9,
@@ -47,9 +48,9 @@ def main(
         def progress(what: str) -> None:
             console.print(what, style="dim", markup=False, highlight=False)
 
-        chosen = benchmark.RESTING if ids == "all" else tuple(ids.split(","))
-        if unknown := [env_id for env_id in chosen if env_id not in (*benchmark.RESTING, *benchmark.MOVING)]:
-            raise ConfigError(f"--ids: there is no {unknown[0]!r}; there are {', '.join(benchmark.RESTING)}")
+        chosen = benchmark.RESTING if ids == "all" else tuple(known_env(name.strip()) for name in ids.split(","))
+        if own := [env_id for env_id in chosen if env_id not in (*benchmark.RESTING, *benchmark.MOVING)]:
+            raise ConfigError(f"--ids {own[0]}: must be ids of this package, see `tensegrity list`")
         if against is not None:
             table = Table("measured", "this build [CPU us]", "the other one [CPU us]", "ratio")
             for pair in compare(against, chosen, _COUNTS.get(only, (1024, 64, 0)), rounds, progress):
