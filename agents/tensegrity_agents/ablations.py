@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from tensegrity_agents.config import Experiment
+from tensegrity_agents.config import ConfigError, Experiment
+from tensegrity_agents.reporting.ablations import WHOLE
 
 FOLDER = "ablations"  # in that of the records: a folder of rows for each variant
 SEEDS = (0, 1, 2)
@@ -32,8 +33,24 @@ VARIANTS: Mapping[str, Callable[[dict[str, Any]], dict[str, Any] | None]] = {
 }
 
 
-def variants_of(experiment: Experiment) -> dict[str, Experiment]:
-    """The variants that an experiment has, by name: the same number of steps, but for `no_fine_tuning`."""
+def variants_of(experiment: Experiment, timesteps: int | None = None) -> dict[str, Experiment]:
+    """The variants that an experiment has, by name: the same number of steps, but for `no_fine_tuning`.
+
+    Args:
+        experiment: the whole method.
+        timesteps: of every variant, and of the whole method, which then is one of them; by default the method's own.
+
+    Raises:
+        ConfigError: there are no steps left after those with the teacher.
+    """
     train = experiment.train.model_dump()
+    if timesteps is not None:
+        taught = 0 if train["teacher"] is None else train["teacher"]["timesteps"]
+        if timesteps <= taught:
+            raise ConfigError(
+                f"--timesteps {timesteps}: must be more than the {taught} steps with the teacher of {experiment.env}"
+            )
+        train |= {"total_timesteps": timesteps}
     changed = {name: change(train) for name, change in VARIANTS.items()}
-    return {name: experiment.changed(train=settings) for name, settings in changed.items() if settings is not None}
+    found = {name: experiment.changed(train=settings) for name, settings in changed.items() if settings is not None}
+    return {WHOLE: experiment.changed(train=train)} | found if found and timesteps is not None else found

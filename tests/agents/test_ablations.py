@@ -5,9 +5,9 @@ from typer.testing import CliRunner
 
 from tensegrity_agents.ablations import VARIANTS, variants_of
 from tensegrity_agents.command.program import app
-from tensegrity_agents.config import Experiment
+from tensegrity_agents.config import ConfigError, Experiment
 from tensegrity_agents.evaluation.records import read_records
-from tensegrity_agents.reporting.ablations import ablations_to_markdown
+from tensegrity_agents.reporting.ablations import WHOLE, ablations_to_markdown
 
 TRAIN = {
     "total_timesteps": 96,
@@ -36,17 +36,33 @@ def test_one_thing_is_taken_out():
     assert variants_of(Experiment(env="TwoXReach-v0", train={"total_timesteps": 96})) == {}
 
 
+def test_all_are_trained_as_long_where_that_is_asked():
+    whole = Experiment(env="TwoXTensionReachUncertain-v0", train=TRAIN)
+    found = variants_of(whole, 64)
+    assert set(found) == {WHOLE, *VARIANTS}
+    assert {name: one.train.total_timesteps for name, one in found.items()} == {
+        name: 32 if name == "no_fine_tuning" else 64 for name in found
+    }
+    assert found[WHOLE].train.model_dump() == whole.train.model_dump() | {"total_timesteps": 64}
+    with pytest.raises(ConfigError, match="--timesteps 32: must be more than the 32 steps with the teacher"):
+        variants_of(whole, 32)
+    slip = CliRunner().invoke(app, ["campaign", "--timesteps", "64"], env={"COLUMNS": "200"})
+    assert slip.exit_code == 2
+    assert "is for --ablate" in slip.output
+
+
 @pytest.mark.full
 def test_the_command_keeps_rows_apart_and_goes_on(tmp_path, monkeypatch):
     small = Experiment(env="TwoXReach-v0", episodes=5, train={**TRAIN, "levels": None, "teacher": None})
     monkeypatch.setattr("tensegrity_agents.command.campaign.find_experiment", lambda *_: small)
     words = ["campaign", "--ids", "TwoXReach-v0", "--seeds", "0", "--results", str(tmp_path / "results")]
-    words += ["--records", str(tmp_path / "records"), "--ablate"]
+    words += ["--records", str(tmp_path / "records"), "--ablate", "--timesteps", "96"]
     first = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
     assert first.exit_code == 0, first.output
-    assert "2 of 2 rows" in first.output
+    assert "3 of 3 rows" in first.output
     again = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
     assert again.exit_code == 0
     assert read_records(tmp_path / "records") == {}  # no rows of the matrix
     table = ablations_to_markdown(tmp_path / "records" / "ablations", {})
-    assert [line.split("|")[2].strip() for line in table.splitlines()[2:]] == ["no history", "no repeat failed"]
+    methods = [line.split("|")[2].strip() for line in table.splitlines()[2:]]
+    assert sorted(methods) == ["no history", "no repeat failed", "whole"]

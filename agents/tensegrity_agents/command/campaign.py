@@ -37,6 +37,14 @@ def main(
             "ablations/ in the folder of the rows"
         ),
     ] = False,
+    timesteps: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="with --ablate: steps of each training, one of the whole method included",
+            show_default="those of the config",
+        ),
+    ] = None,
     ray: Annotated[
         str | None, typer.Option(help="address of a Ray cluster to measure on, such as auto or host:port")
     ] = None,
@@ -52,7 +60,8 @@ def main(
     Interrupt it whenever you like: the same command goes on, and rows that are there are not measured again. A row that
     fails is named, and the others go on. The matrix of all rows is drawn by: tensegrity matrix
 
-    With --ablate agents of variants of each config are trained instead, such as no_history: three seeds each.
+    With --ablate agents of variants of each config are trained instead, such as no_history: three seeds each. With
+    --timesteps, too, all of them and the whole method are trained for so many steps.
 
     With --ray the rows are measured on a cluster, on whose nodes this package is installed; trainings whose node dies
     go on from their last checkpoint, which is kept here.
@@ -65,12 +74,14 @@ def main(
                 checked_folder(folder, option)
         if ablate and policies is not None:
             raise ConfigError("--policies: policies of ablations are not kept; leave it out")
+        if timesteps is not None and not ablate:
+            raise ConfigError(f"--timesteps {timesteps}: is for --ablate; a config has its own total_timesteps")
         chosen = parse_seeds(seeds or ("0,1,2" if ablate else "0,1,2,3,4"))
         experiments = [experiment.changed(seeds=chosen) for experiment in _experiments(ids)]
         chosen_levels = None if levels is None else _parse_levels(levels)
         groups = {records: _only(only, [task for one in experiments for task in tasks_of(one, levels=chosen_levels)])}
         if ablate:
-            groups = _ablated(experiments, records / FOLDER, chosen_levels)
+            groups = _ablated(experiments, records / FOLDER, chosen_levels, timesteps)
         failed, total, number = list[str](), sum(map(len, groups.values())), 0
         with progress_bar() as progress:
             for folder, tasks in groups.items():
@@ -93,7 +104,9 @@ def main(
             raise typer.Exit(1)
 
 
-def _ablated(experiments: list[Experiment], folder: Path, levels: tuple[int, ...] | None) -> dict[Path, list[Task]]:
+def _ablated(
+    experiments: list[Experiment], folder: Path, levels: tuple[int, ...] | None, timesteps: int | None
+) -> dict[Path, list[Task]]:
     """The agents of all variants, by the folder of their rows.
 
     Raises:
@@ -101,7 +114,7 @@ def _ablated(experiments: list[Experiment], folder: Path, levels: tuple[int, ...
     """
     found: dict[Path, list[Task]] = {}
     for experiment in experiments:
-        for name, variant in variants_of(experiment).items():
+        for name, variant in variants_of(experiment, timesteps).items():
             found.setdefault(folder / name, []).extend(tasks_of(variant, controllers=False, levels=levels))
     if not found:
         raise ConfigError(f"--ablate: no config here has any of {', '.join(VARIANTS)}")

@@ -7,13 +7,15 @@ from tensegrity_agents.evaluation.records import Record, read_records
 from tensegrity_agents.reporting.matrix import AGENT, cells_of
 from tensegrity_agents.reporting.table import percent
 
+WHOLE = "whole"  # the method with nothing taken out; as a folder, where it is trained for other than its own steps
+
 
 def ablations_to_markdown(folder: Path, whole: Mapping[str, Sequence[Record]]) -> str:
     """The table of all variants that were measured; empty where there are none.
 
     Args:
         folder: of the variants: folder/<variant>/<id>/*.json.
-        whole: rows of the whole method, by Gymnasium id.
+        whole: rows of the whole method, by Gymnasium id; those of folder/whole go before.
     """
     homes = sorted(path for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
     found = {home.name: read_records(home) for home in homes}
@@ -21,14 +23,17 @@ def ablations_to_markdown(folder: Path, whole: Mapping[str, Sequence[Record]]) -
     if not ids:
         return ""
     lines = [
-        "| environment | method | success, mean over seeds [%] | seeds | worst seed [%] |",
-        "|---|---|---:|---:|---:|",
+        "| environment | method | steps | success, mean over seeds [%] | seeds | worst seed [%] |",
+        "|---|---|---:|---:|---:|---:|",
     ]
     for env_id in ids:
-        rows = {"whole": whole.get(env_id, [])} | {name: group.get(env_id, []) for name, group in found.items()}
+        rows: dict[str, Sequence[Record]] = {WHOLE: whole.get(env_id, [])}
+        rows |= {name: group[env_id] for name, group in found.items() if env_id in group}
         for name, group in rows.items():
             cell = cells_of(group).get(AGENT) if group else None
             if cell is not None:
                 short, method = env_id.rpartition("/")[2], name.replace("_", " ")
-                lines.append(f"| `{short}` | {method} | {cell.text} | {len(cell.flags)} | {percent(cell.worst)} |")
+                steps = max(row.frames or 0 for row in group) / 1e6
+                scores = f"{cell.text} | {len(cell.flags)} | {percent(cell.worst)}"
+                lines.append(f"| `{short}` | {method} | {steps:.1f} million | {scores} |")
     return "\n".join(lines) + "\n"
