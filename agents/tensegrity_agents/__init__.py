@@ -9,11 +9,13 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tensegrity_agents.controllers import make_controller
+    from tensegrity_agents.evaluation.rollout import evaluate
     from tensegrity_agents.exporting import export
     from tensegrity_agents.pretrained import load_pretrained
     from tensegrity_agents.sb3.policy_file import load_policy
 
-__all__ = ["export", "load_policy", "load_pretrained"]
+__all__ = ["evaluate", "export", "load_policy", "load_pretrained", "make_controller"]
 
 _NEEDED = (
     "stable_baselines3",
@@ -36,6 +38,8 @@ if _missing:
 
 
 _FROM = {
+    "evaluate": "tensegrity_agents.evaluation.rollout",
+    "make_controller": "tensegrity_agents.controllers",
     "export": "tensegrity_agents.exporting",
     "load_pretrained": "tensegrity_agents.pretrained",
     "load_policy": "tensegrity_agents.sb3.policy_file",
@@ -43,7 +47,7 @@ _FROM = {
 
 
 def __getattr__(name: str) -> Any:
-    """What handles policies, imported when it is asked for: Torch takes seconds."""
+    """What users call, imported when it is asked for: Torch takes seconds."""
     if name in _FROM:
         return getattr(import_module(_FROM[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -70,6 +70,26 @@ def progress_bar() -> Iterator[Callable[[str, int, int, str], None]]:
         yield show
 
 
+def need_window(check: Callable[[], None], instead: str) -> None:
+    """See that a window can be opened.
+
+    Args:
+        check: raises a `DisplayError` where there is no display.
+        instead: what does without one, in a sentence.
+
+    Raises:
+        DisplayError: there is no display; the message says what to do.
+    """
+    try:
+        check()
+    except DisplayError as error:
+        what = str(error).partition(":")[0]
+        raise DisplayError(
+            f"{what}. Over ssh, connect with ssh -X: the window then opens at your end. Without a display: {instead}. "
+            "(xvfb-run makes a display that nobody sees, which is for tests.)"
+        ) from error
+
+
 def say(text: str) -> None:
     """Print a line as it is: paths and messages may hold what looks like markup."""
     console.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""scripts/analyze.py: what it writes, how it fails, and its page in a headless browser."""
+"""`tensegrity analyze`: what it writes, how it fails, and its page in a headless browser."""
 
 import csv
 import json

@@ -3,6 +3,7 @@
 import errno
 import json
 import math
+import re
 import shutil
 import subprocess
 import sys
@@ -213,6 +214,14 @@ def test_the_shipped_policy_is_scored_by_its_name():
     assert "no policy is shipped for" in text
 
 
+@pytest.mark.parametrize(("env_id", "is_shipped"), [("TwoXReach-v0", True), ("TwoXPayloadReach-v0", False)])
+def test_evaluate_says_where_a_policy_is_shipped(env_id, is_shipped):
+    code, text = run("evaluate", env_id, "--episodes", "3")
+    assert (code, "--controller agent scores it" in text) == (0, is_shipped)
+    _, text = run("evaluate", env_id, "--episodes", "3", "--controller", "random")
+    assert "--controller agent" not in text
+
+
 def test_the_folder_of_a_film_is_made(tmp_path):
     film = tmp_path / "new" / "folder" / "film.gif"
     code, text = run("watch", "TwoXReach-v0", "--record", str(film), "--episodes", "1")
@@ -275,6 +284,7 @@ def test_watch_films_the_shipped_policy(tmp_path):
     assert (code, film.stat().st_size > 10_000) == (0, True)
     assert "shipped policy" in text
     assert "seed 3: on target" in text
+    assert re.search(r"film .* (\d+)/\1 ", text)
 
 
 def test_watch_writes_mp4(tmp_path):
@@ -295,7 +305,7 @@ def test_a_window_needs_a_display_before_anything_is_loaded(name, env_id, monkey
     code, text = run(name, env_id)
     assert code == 2
     assert "no display" in text and "policy" not in text
-    assert name == "play" or "--record film.gif" in text
+    assert "ssh -X" in text and "--record film.gif" in text and "render_mode" not in text
 
 
 def test_any_option_of_an_environment_counts_everywhere(tmp_path):

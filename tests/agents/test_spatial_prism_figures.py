@@ -1,4 +1,4 @@
-"""What the figures of the spatial prism show; `scripts/analyze.py spatial-prism` draws them all (minutes)."""
+"""What the figures of the spatial prism show; `tensegrity analyze spatial-prism` draws them all (minutes)."""
 
 import numpy as np
 import pytest

@@ -16,6 +16,7 @@ from tensegrity_agents.console import (
     say,
     tell_json,
 )
+from tensegrity_agents.pretrained import pretrained_ids
 from tensegrity_agents.reporting.table import print_table, summary_rows
 
 
@@ -39,12 +40,14 @@ def main(
 ) -> None:
     """Evaluate controllers on the same held-out episodes and print the table.
 
+    `--controller agent` is the policy that is shipped; `tensegrity list` tells which ids have one.
+
     A controller of your own is any class, called without arguments, that has predict(observation, state, episode_start,
     deterministic); observations come in batches of shape (n, ...), actions are of shape (n, size) in [-1, 1]. See
     CONTRIBUTING.md.
 
     Example:
-    tensegrity evaluate TwoXPayloadReach-v0 --controller observer --controller my_module:MyController
+    tensegrity evaluate TwoXReach-v0 --controller agent --controller closed_form_ik --controller my_module:MyController
     """
     from tensegrity_agents.experiment import evaluate_named  # Torch, which completions need not wait for
 
@@ -62,3 +65,5 @@ def main(
             tell_json(rows)
         else:
             print_table(rows, console)
+        if not controller and not policy and env_id in pretrained_ids():
+            say("a trained policy is shipped for it: --controller agent scores it")

@@ -8,8 +8,9 @@ import numpy as np
 import typer
 
 from tensegrity_agents.command_options import EnvironmentChoice, EnvironmentOptions, with_option_groups
-from tensegrity_agents.console import clear_errors, say
+from tensegrity_agents.console import clear_errors, need_window, say
 from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.env_options import short_name
 from tensegrity_agents.evaluation.player import Player
 from tensegrity_envs import termination_reason
 from tensegrity_envs.env import unwrapped
@@ -98,7 +99,11 @@ def main(
     """
     with clear_errors("good bye"):
         env_id = chosen.named("TwoXReach-v0")
-        need_display()
+        need_window(
+            need_display,
+            f"tensegrity watch {short_name(env_id)} --record film.gif films a controller, and tensegrity playground "
+            "writes a page to drive a mechanism in a browser",
+        )
         given = options.checked(env_id)
         env = gym.make(env_id, render_mode="rgb_array", max_episode_steps=-1, **given)
         viewer = Viewer(unwrapped(env).render_size, f"tensegrity play {env_id}")

@@ -10,7 +10,7 @@ from PIL import Image
 from tensegrity_agents import env_options
 from tensegrity_agents.command_options import EnvironmentChoice, EnvironmentOptions, with_option_groups
 from tensegrity_agents.config import ConfigError
-from tensegrity_agents.console import checked_file, clear_errors, list_of_baselines, say
+from tensegrity_agents.console import checked_file, clear_errors, list_of_baselines, need_window, progress_bar, say
 from tensegrity_agents.controllers import baselines_of, make_controller
 from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.player import Player
@@ -18,7 +18,7 @@ from tensegrity_agents.pretrained import load_pretrained, pretrained_ids
 from tensegrity_agents.reporting.film import SUFFIXES, write_film
 from tensegrity_envs import termination_reason
 from tensegrity_envs.env import unwrapped
-from tensegrity_envs.rendering import DisplayError, draw
+from tensegrity_envs.rendering import draw
 
 _REST = 0.8  # how long a film shows the end of an episode [s]
 
@@ -92,16 +92,17 @@ def main(
             checked_file(record, "--record")
         given = options.checked(env_id)
         if record is None:
-            need_window(env_id, given)
+            need_window_of(env_id, given)
         name, player = chosen_player(env_id, controller, policy, given)
         say(f"{env_id}: {name}, {episodes} episode(s)")
         frames = show(env_id, player, given, episodes, seed, record is None)
         if record is not None:
-            write_film(frames, record)
+            with progress_bar() as progress:
+                write_film(frames, record, progress=lambda done, total: progress("film", done, total, ""))
             say(f"film: {record}")
 
 
-def need_window(env_id: str, options: dict[str, Any]) -> None:
+def need_window_of(env_id: str, options: dict[str, Any]) -> None:
     """See that a window can be opened, before anything is loaded or compiled.
 
     Raises:
@@ -109,9 +110,7 @@ def need_window(env_id: str, options: dict[str, Any]) -> None:
     """
     env: Any = gym.make(env_id, **options)
     try:
-        env.unwrapped.need_display()
-    except DisplayError as error:
-        raise DisplayError(f"{error}; --record film.gif writes a film instead") from error
+        need_window(env.unwrapped.need_display, "--record film.gif writes a film instead")
     finally:
         env.close()
 
