@@ -65,6 +65,20 @@ def test_gauges_legend_and_caption_are_drawn_over_obstacles():
         np.testing.assert_array_equal(behind[rows, columns], plain[rows, columns])
 
 
+def test_obstacles_have_an_outline():
+    place = View((600, 600), ARM.reach).pixel
+    corners = [(share * ARM.reach, 0.4 * ARM.reach) for share in (-0.95, -0.6)] + [(-0.6 * ARM.reach, 0.7 * ARM.reach)]
+    picture = draw(dataclasses.replace(SCENE, obstacles=[corners])).astype(int)
+
+    def redness(point):
+        x, y = map(round, place(point))
+        return picture[y, x, 0] - picture[y, x, 1:].max()
+
+    inside = tuple(sum(axis) / 3 for axis in zip(*corners, strict=True))
+    edge = tuple(sum(axis) / 2 for axis in zip(*corners[1:], strict=True))
+    assert redness(edge) > redness(inside) + 40 > 60
+
+
 def test_the_same_scene_gives_the_same_pixels():
     first = draw(SCENE)
     draw(scene_of(ARM, (-1.0, 0.3), failure="buckled"))

@@ -52,6 +52,7 @@ def test_starts_keep_clear_and_say_how_far(env_id):
         assert info["clearance"] == pytest.approx(expected, abs=1e-9)
         assert info["clearance"] >= env.core.task.safe
         assert info["cost"] == 0
+        assert env.scene().caption.endswith(f"clearance {env.core.error_text(info['clearance'])}")
         assert seen.clearance[0] == pytest.approx(info["clearance"], rel=1e-5)
         np.testing.assert_allclose(seen.obstacle_centres[0], np.ravel([one.centre for one in discs]), atol=1e-6)
         np.testing.assert_allclose(seen.obstacle_radii[0], [one.radius for one in discs], atol=1e-6)

@@ -69,7 +69,9 @@ def _background(
     for i in range(math.ceil(-y0 / step), math.floor((canvas.height - y0) / step) + 1):
         canvas.box(0, y0 + i * step - 0.5 * u, canvas.width, max(u, 1), GRID if i else AXIS)
     for corners in obstacles:
-        canvas.polygon([view.pixel(corner) for corner in corners], mix(BAD, 0.25))
+        edge = [view.pixel(corner) for corner in corners]
+        canvas.polygon(edge, mix(BAD, 0.25))
+        canvas.path([*edge, edge[0]], 2 * u, mix(BAD, 0.6))
     canvas.box(0, 0, canvas.width, view.strip, PAPER)
     canvas.box(0, view.strip, canvas.width, max(u, 1), AXIS)
 

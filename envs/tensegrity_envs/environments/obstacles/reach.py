@@ -20,6 +20,7 @@ from tensegrity_envs.environments.two_x import TwoXReach
 from tensegrity_envs.geometry.clearance import Disc, Obstacle, clearance
 from tensegrity_envs.geometry.own_bars import own_pairs
 from tensegrity_envs.observation import Divided, Field, Softsign
+from tensegrity_envs.rendering import Scene
 from tensegrity_envs.simulation.protocol import COLLISION, RUNNING, Episode, State
 from tensegrity_envs.simulation.quasi_static import keep_where
 from tensegrity_envs.tasks import ObstacleInputReach, ObstacleReach, ObstacleReachWeights, Reach, ReachWeights
@@ -154,6 +155,11 @@ class ObstacleCore(Core):
         free: Any = super()
         scene: dict[str, Any] = free.scene(episode, state)
         return scene | {"obstacles": [one.outline(4 * self.reach) for one in episode.obstacles]}
+
+    def picture(self, episode: Episode, state: State, trace: list[Any], step: int) -> Scene:
+        """See `Core.picture`; with the clearance of the last step."""
+        scene = super().picture(episode, state, trace, step)
+        return replace(scene, caption=f"{scene.caption}   clearance {self.error_text(float(state.clearance))}")
 
 
 class PlanarFourBarObstacleReach(ObstacleCore, PlanarFourBarReach):

@@ -4,7 +4,10 @@ Two segments have two solutions. Three move along curves while the tip rests, on
 (`n_x.redundancy.walk`). More move on surfaces of n - 2 dimensions: many starts slide downhill along random directions
 that leave the tip where it is (J d = 0), all at once; one of each group of those that met, or nearly so (of the 12 best
 groups, 5 of the margin), is the start of a sequential quadratic programme, in which the kinks of the objective are
-constraints. That these are all local optima is no theorem: tests compare with searches from 200 starts.
+constraints. Maxima of the margin tend to lie where the two smallest eigenvalues of the stiffness matrix meet, a kink
+that is no smooth constraint and beside which programmes end; simplices (Nelder and Mead) in the n - 2 free directions
+go on from there, again and again until nothing is gained. That these are all local optima is no theorem: tests compare
+with searches from 200 starts.
 """
 
 from collections.abc import Sequence
@@ -22,6 +25,9 @@ _FIRST_STEP, _LAST_STEP = 0.2, 1e-4  # [rad] of a slide
 GROUP = 0.05  # [rad]: slides that end as near together are taken for one
 _MOST_GROUPS = {"sum": 12, "max": 12, "squares": 12, "margin": 5}  # of a target: the best ones
 SAME = 1e-4  # [rad]: optima that are no further apart are one
+_SIMPLEX = 0.01  # [rad]: its first edges
+_MOST_SIMPLICES, _ENOUGH = 8, 1e-9  # of margins: who gains less has arrived
+_WORST = 1e3  # more than any negative margin
 
 
 def postures(arm: Any, first: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -66,6 +72,45 @@ def slide(
             improved |= better
         step = np.clip(np.where(improved, 1.5 * step, 0.75 * step), _LAST_STEP, _FIRST_STEP)
     return q, value
+
+
+def ascended(
+    arm: Any, q: np.ndarray, target: tuple[float, float], measure: Measure, limit: float
+) -> tuple[np.ndarray, float]:
+    """Where simplices in the free directions lead to from a configuration (n,), and the value there.
+
+    Args:
+        arm: of four segments or more.
+        q: with the tip at the target.
+        target: (x, y) [m].
+        measure: of the margin, which depends on no start.
+        limit: of the joint angles [rad].
+    """
+    from scipy.optimize import minimize  # slow to import, and only needed here
+
+    place, owner = (np.array([target[0]]), np.array([target[1]])), np.zeros(1, int)
+
+    def moved(z: np.ndarray, free: np.ndarray, rounds: int) -> tuple[np.ndarray, float]:
+        found, there = project(arm, (here + free @ z)[:, None], *place, limit, rounds)
+        reached = float(measure(found, owner)[0]) if there[0] else _WORST
+        return found[:, 0], reached if np.isfinite(reached) else _WORST
+
+    def loss(z: np.ndarray, free: np.ndarray) -> float:
+        return moved(z, free, 6)[1]
+
+    here, value = q, float(measure(q[:, None], owner)[0])
+    for _ in range(_MOST_SIMPLICES):
+        free = np.linalg.svd(np.array(arm.jacobian(tuple(here.tolist()))))[2][2:].T
+        simplex = _SIMPLEX * np.vstack([np.zeros(free.shape[1]), np.eye(free.shape[1])])
+        options: Any = {"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-12, "maxiter": 400}
+        found = minimize(loss, simplex[0], args=(free,), method="Nelder-Mead", options=options)
+        better, reached = moved(found.x, free, 8)
+        if not reached < value:
+            break
+        gain, here, value = value - reached, better, reached
+        if gain < _ENOUGH:
+            break
+    return here, value
 
 
 def grouped(owner: np.ndarray, q: np.ndarray, value: np.ndarray, apart: float, most: int | None = None) -> np.ndarray:
@@ -122,6 +167,9 @@ def optima(
         after = measure(found, owner)
         keep = there & (after <= value)
         q, value = np.where(keep, found, q), np.where(keep, after, value)
+        if objective == "margin":
+            for k, i in enumerate(owner):
+                q[:, k], value[k] = ascended(arm, q[:, k], (float(x[i]), float(y[i])), measure, limit)
     else:
         value = np.zeros(0)
     kept = grouped(owner, q, value, SAME)
