@@ -73,6 +73,7 @@ AGENT_LAYERS = [
     "exporting",
     "recording",
     "search",
+    "search_on_cluster",
     "command",
 ]
 # Training, evaluation and reports do not know each other, but for the evaluations in the course of a training, and for

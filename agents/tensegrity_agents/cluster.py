@@ -2,7 +2,8 @@
 
 Checkpoints, policies and records go to the machine on which the campaign was begun, through one actor there: nodes need
 no file system in common. The package must be installed on each of them, in the same version. A row that is retried goes
-on from its last checkpoint, to the same policy (see `sb3.training`) on the same kind of processor.
+on from its last checkpoint, to the same policy (see `sb3.training`) on the same kind of processor. `search_on_cluster`
+does the same with the trials of a search.
 """
 
 import socket
@@ -84,6 +85,26 @@ def _sending(folder: Path, send: Callable[[dict[str, bytes]], object]) -> Iterat
         thread.join()
 
 
+@contextmanager
+def kept_by(keeper: Any, name: str, home: Path) -> Iterator[None]:
+    """The files of a training come from a keeper, who gets them back with every new checkpoint and in the end.
+
+    Args:
+        keeper: handle of the actor.
+        name: what the keeper calls the folder.
+        home: the folder on this node.
+    """
+    import ray
+
+    def send(files: dict[str, bytes]) -> None:
+        ray.get(keeper.put.remote(name, files))
+
+    _write(home, ray.get(keeper.get.remote(name)))
+    with _sending(home, send):
+        yield
+    send(_read(home))
+
+
 def measure_apart(settings: dict[str, Any], row: dict[str, Any], begun: bytes | None, keeper: Any) -> bytes:
     """Measure a row on a node of the cluster.
 
@@ -96,8 +117,6 @@ def measure_apart(settings: dict[str, Any], row: dict[str, Any], begun: bytes | 
     Returns:
         The record's file.
     """
-    import ray
-
     task = Task(Experiment(**settings), **row)
     with TemporaryDirectory() as place:
         results, records = Path(place) / "results", Path(place) / "records"
@@ -106,16 +125,11 @@ def measure_apart(settings: dict[str, Any], row: dict[str, Any], begun: bytes | 
         if begun is not None:
             _write(task.file(records).parent, {task.file(records).name: begun})
 
-        def send(files: dict[str, bytes]) -> None:
-            ray.get(keeper.put.remote(name, files))
-
         if task.seed is None:
             measure(task, results, records, silent)
         else:
-            _write(home, ray.get(keeper.get.remote(name)))
-            with _sending(home, send):
+            with kept_by(keeper, name, home):
                 measure(task, results, records, silent)
-            send(_read(home))
         return task.file(records).read_bytes()
 
 
@@ -135,12 +149,8 @@ def run_on_cluster(
         ImportError: the extra "ray" is not installed.
         ConfigError: there is no cluster at this address.
     """
-    ray = _connected(address)
-    try:
-        here = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
-            ray.get_runtime_context().get_node_id(), soft=False
-        )
-        keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=here).remote(results.absolute())
+    with connected(address) as ray:
+        keeper = actor_here(ray, Keeper, results.absolute())
         there, todo = sorted_out(tasks, records)
         yield from there
         begun = {}
@@ -160,12 +170,15 @@ def run_on_cluster(
                 yield task, read_record(task.file(records))
             except (ray.exceptions.RayError, ValueError) as error:
                 yield task, RuntimeError(str(error).strip().splitlines()[-1])
-    finally:
-        ray.shutdown()
 
 
-def _connected(address: str) -> Any:
-    """The package Ray, connected with a cluster."""
+@contextmanager
+def connected(address: str) -> Iterator[Any]:
+    """The package Ray, connected with a cluster.
+
+    Args:
+        address: see `run_on_cluster`, also for what is raised.
+    """
     need("ray", "--ray needs", "ray")
     import ray
     import ray.util.scheduling_strategies
@@ -177,4 +190,21 @@ def _connected(address: str) -> Any:
         ray.init(address=address, log_to_driver=False, logging_level="warning")
     except (OSError, ValueError) as error:
         raise ConfigError(f"--ray {address}: no Ray cluster there ({error}); start one by: ray start --head") from error
-    return ray
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+
+
+def actor_here(ray: Any, kind: type[Keeper], *args: object) -> Any:
+    """Handle of an actor on this machine, which keeps files.
+
+    Args:
+        ray: the package, connected.
+        kind: of the actor.
+        args: of its making.
+    """
+    here = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
+        ray.get_runtime_context().get_node_id(), soft=False
+    )
+    return ray.remote(kind).options(num_cpus=0, scheduling_strategy=here).remote(*args)

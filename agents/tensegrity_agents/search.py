@@ -3,11 +3,11 @@
 import csv
 import json
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -26,6 +26,7 @@ STORAGE, BEST, TRIALS = "search.db", "best.yaml", "trials.csv"
 _AGENT = "trial-"  # and a hash of its settings: a training that was interrupted is found again
 _LOOKS = 10  # how often a trial may be given up in its course
 _UNJUDGED = 5  # first trials, which are not
+_PATIENCE = 60  # [s] of a process that waits while another one writes into the storage
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,35 @@ TEACHER: Space = {
 }
 
 
+Outcome = float | str  # of a trial: its score, or why it has none
+
+
+class Begun(NamedTuple):
+    """A trial that is to be tried.
+
+    Attributes:
+        trial: Optuna's.
+        experiment: with its settings.
+    """
+
+    trial: "optuna.Trial"
+    experiment: Experiment
+
+    @property
+    def name(self) -> str:
+        """Of the folder of its training."""
+        return f"{_AGENT}{hash_of(self.experiment.train.model_dump(mode='json'))}"
+
+    def is_behind(self, look: int, success: float) -> bool:
+        """Whether the trial is worse than half of the others were at this look, the first of which is 1."""
+        self.trial.report(success, look)
+        return bool(self.trial.should_prune())
+
+
+# runner(begin, folder, episodes, progress): tries what `begin` gives, until it gives none; see `one_by_one`
+Runner = Callable[[Callable[[], Begun | None], Path, int, Progress | None], Iterator[tuple[Begun, Outcome]]]
+
+
 def space_of(experiment: Experiment) -> Space:
     """What is searched for an experiment."""
     train = experiment.train
@@ -128,6 +158,7 @@ def search(
     fresh: bool = False,
     progress: Progress | None = None,
     remark: Callable[[str], None] = print,
+    runner: Runner | None = None,
 ) -> tuple[Path, float]:
     """Try settings of a training, the config's own first, and write the best as a config.
 
@@ -145,6 +176,7 @@ def search(
         fresh: forget the trials and agents that are there.
         progress: called while it works.
         remark: called with the result of each trial.
+        runner: tries several at a time, such as `search_on_cluster.on_cluster`; by default one at a time, here.
 
     Returns:
         The path of best.yaml, and the score of the best trial.
@@ -161,43 +193,107 @@ def search(
         for name in (STORAGE, BEST, TRIALS):
             (folder / name).unlink(missing_ok=True)
     study = optuna.create_study(
-        storage=f"sqlite:///{(folder / STORAGE).absolute()}",
+        storage=optuna.storages.RDBStorage(
+            f"sqlite:///{(folder / STORAGE).absolute()}",
+            engine_kwargs={"connect_args": {"timeout": _PATIENCE}},
+        ),
         study_name=experiment.env,
         direction="maximize",
         load_if_exists=True,
         pruner=optuna.pruners.MedianPruner(n_startup_trials=_UNJUDGED),
     )
-    base = _shortened(experiment, share)
+    base, state = _shortened(experiment, share), optuna.trial.TrialState
     _check_same(study, base, folder)
     _begin(optuna, study, base)
-    study.sampler = optuna.samplers.TPESampler(seed=seed + len(study.trials))
-    finished = (optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.PRUNED)
-    while (done := len(study.get_trials(deepcopy=False, states=finished))) < trials:
+    # Of several trials at a time each one takes it that the others will be bad, so that they differ.
+    study.sampler = optuna.samplers.TPESampler(seed=seed + len(study.trials), constant_liar=runner is not None)
+
+    def begin() -> Begun | None:
+        """The next trial, unless there are enough."""
+        done = len(study.get_trials(deepcopy=False, states=(state.COMPLETE, state.PRUNED)))
         if progress is not None:
             progress("trials", done, trials, _best_so_far(study))
-        trial = study.ask()
-        settings = {
-            key: range_.suggest(trial, key, _at(base.train.model_dump(), key)) for key, range_ in space_of(base).items()
-        }
-        try:
-            score = _try(optuna, trial, _with(base, settings), folder, episodes, progress)
-        except ConfigError as error:  # settings that do not go together
-            study.tell(trial, state=optuna.trial.TrialState.PRUNED)
-            remark(f"trial {trial.number}: {error}")
+        if done + len(study.get_trials(deepcopy=False, states=(state.RUNNING,))) >= trials:
+            return None
+        trial, own = study.ask(), base.train.model_dump()
+        settings = {key: range_.suggest(trial, key, _at(own, key)) for key, range_ in space_of(base).items()}
+        return Begun(trial, _with(base, settings))
+
+    for (trial, _), outcome in (runner or one_by_one)(begin, folder, episodes, progress):
+        if isinstance(outcome, str):
+            study.tell(trial, state=state.PRUNED)
+            remark(f"trial {trial.number}: {outcome}")
             continue
-        except optuna.TrialPruned:
-            study.tell(trial, state=optuna.trial.TrialState.PRUNED)
-            remark(f"trial {trial.number}: given up")
-            continue
-        study.tell(trial, score)
-        remark(f"trial {trial.number}: {score:.1%}, best {_best_so_far(study)}")
+        study.tell(trial, outcome)
+        remark(f"trial {trial.number}: {outcome:.1%}, best {_best_so_far(study)}")
         _write(study, experiment, folder, share)
-    if progress is not None:
-        progress("trials", trials, trials, _best_so_far(study))
     if not _complete(study):
         raise ConfigError(f"{folder}: no trial has been finished; more of them may be")
     _write(study, experiment, folder, share)
     return folder / BEST, float(study.best_value)
+
+
+def one_by_one(
+    begin: Callable[[], Begun | None], folder: Path, episodes: int, progress: Progress | None
+) -> Iterator[tuple[Begun, Outcome]]:
+    """Tries trials in this process.
+
+    Args:
+        begin: gives the next one, or None where there are enough.
+        folder: of the trainings.
+        episodes: of the validation.
+        progress: called while it works.
+    """
+    while (begun := begin()) is not None:
+
+        def report(done: int, total: int, success: float, number: int = begun.trial.number) -> None:
+            if progress is not None:
+                progress(f"trial {number}", done, total, f"success {success:4.0%}")
+
+        yield begun, try_settings(begun.experiment, folder / begun.name, episodes, begun.is_behind, report)
+
+
+class _GivenUpError(Exception):
+    pass
+
+
+def try_settings(
+    experiment: Experiment,
+    home: Path,
+    episodes: int,
+    is_behind: Callable[[int, float], bool],
+    report: Callable[[int, int, float], None] | None = None,
+) -> Outcome:
+    """Train an agent, or go on with it, and score it.
+
+    Args:
+        experiment: whose first seed is trained.
+        home: folder of the training.
+        episodes: of the validation.
+        is_behind: asked ten times in a training, with its success by then; see `Begun.is_behind`.
+        report: called with what is done, of how many steps, and the success.
+    """
+    from tensegrity_agents.sb3.training import train
+
+    looked = 0
+
+    def look(done: int, total: int, success: float) -> None:
+        nonlocal looked
+        if report is not None:
+            report(done, total, success)
+        if done * _LOOKS // total > looked and np.isfinite(success):
+            looked = done * _LOOKS // total
+            if is_behind(looked, success):
+                raise _GivenUpError
+
+    try:
+        agent = train(experiment, experiment.seeds[0], home, look)
+    except ConfigError as error:  # settings that do not go together
+        return str(error)
+    except _GivenUpError:
+        return "given up"
+    run = evaluate(agent, experiment.env, episodes, VALIDATION_SEED, "agent", "agent", experiment.options)
+    return float(run.columns["success"].mean())
 
 
 def _shortened(experiment: Experiment, share: float) -> Experiment:
@@ -243,35 +339,6 @@ def _with(experiment: Experiment, settings: Mapping[str, Any]) -> Experiment:
         section, _, name = key.rpartition(".")
         (train[section] if section else train)[name] = value
     return experiment.changed(train=train)
-
-
-def _try(
-    library: ModuleType,
-    trial: "optuna.Trial",
-    experiment: Experiment,
-    folder: Path,
-    episodes: int,
-    progress: Progress | None,
-) -> float:
-    """Train an agent and score it."""
-    from tensegrity_agents.sb3.training import train
-
-    looked = 0
-
-    def report(done: int, total: int, success: float) -> None:
-        nonlocal looked
-        if progress is not None:
-            progress(f"trial {trial.number}", done, total, f"success {success:4.0%}")
-        if done * _LOOKS // total > looked and np.isfinite(success):
-            looked = done * _LOOKS // total
-            trial.report(success, looked)
-            if trial.should_prune():
-                raise library.TrialPruned
-
-    home = folder / f"{_AGENT}{hash_of(experiment.train.model_dump(mode='json'))}"
-    agent = train(experiment, experiment.seeds[0], home, report)
-    run = evaluate(agent, experiment.env, episodes, VALIDATION_SEED, "agent", "agent", experiment.options)
-    return float(run.columns["success"].mean())
 
 
 def _complete(study: "optuna.Study") -> "list[optuna.trial.FrozenTrial]":

@@ -1,6 +1,9 @@
-"""A campaign on a Ray cluster of two nodes, one of which dies: every row is there, and equals the local run's."""
+"""On a Ray cluster of two nodes, one of which dies, every row of a campaign and every trial of a search is there, and
+equals the local run's.
+"""
 
 import time
+from contextlib import contextmanager
 from threading import Thread
 
 import numpy as np
@@ -11,6 +14,8 @@ from tensegrity_agents.cluster import Keeper, run_on_cluster
 from tensegrity_agents.config import ConfigError, Experiment
 from tensegrity_agents.sb3.checkpoint import CHECKPOINT
 from tensegrity_agents.sb3.policy_file import WEIGHTS
+from tensegrity_agents.search import TRIALS, search
+from tensegrity_agents.search_on_cluster import on_cluster
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'tensegrity-envs[ray]'")
 
@@ -41,31 +46,39 @@ def test_an_address_without_a_cluster_is_a_slip(tmp_path):
         list(run_on_cluster([], tmp_path, tmp_path, silent, "127.0.0.1:1"))
 
 
-@pytest.mark.full
-def test_a_node_that_dies_costs_no_row_and_changes_none(tmp_path, monkeypatch):
+@contextmanager
+def dying_cluster(monkeypatch, results, homes):
+    """The address of a cluster of two nodes, the second of which dies in the midst of two trainings."""
     from ray.cluster_utils import Cluster
 
     monkeypatch.setenv("RAY_worker_niceness", "0")  # Ray's workers would wait for everything else on the machine
-    tasks = tasks_of(EXPERIMENT)
-    alone = {task.name: row for task, row in run_campaign(tasks, tmp_path / "results", tmp_path / "records", silent)}
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
     victim = cluster.add_node(num_cpus=1)
-    results, killed = tmp_path / "results-2", []
+    killed = []
 
     def kill() -> None:
         """As soon as checkpoints of two trainings have come, so that one of them is on the second node."""
-        while len(list(results.glob(f"*/agent-*/{CHECKPOINT}"))) < 2:
+        while len(list(results.glob(f"{homes}/{CHECKPOINT}"))) < 2:
             time.sleep(0.2)
-        killed.append([path.parent.name for path in results.glob(f"*/agent-*/{WEIGHTS}")])
+        killed.append([path.parent.name for path in results.glob(f"{homes}/{WEIGHTS}")])
         cluster.remove_node(victim, allow_graceful=False)
 
     killer = Thread(target=kill, daemon=True)
     killer.start()
     try:
-        found = list(run_on_cluster(tasks, results, tmp_path / "records-2", silent, cluster.address))
+        yield cluster.address
     finally:
         cluster.shutdown()
     assert killed == [[]]  # no training had ended by then
+
+
+@pytest.mark.full
+def test_a_node_that_dies_costs_no_row_and_changes_none(tmp_path, monkeypatch):
+    tasks = tasks_of(EXPERIMENT)
+    alone = {task.name: row for task, row in run_campaign(tasks, tmp_path / "results", tmp_path / "records", silent)}
+    results = tmp_path / "results-2"
+    with dying_cluster(monkeypatch, results, "*/agent-*") as address:
+        found = list(run_on_cluster(tasks, results, tmp_path / "records-2", silent, address))
     assert sorted(task.name for task, _ in found) == sorted(alone)
     for task, row in found:
         np.testing.assert_array_equal(row.flags(), alone[task.name].flags())
@@ -74,3 +87,19 @@ def test_a_node_that_dies_costs_no_row_and_changes_none(tmp_path, monkeypatch):
         if task.seed is not None:
             ours, theirs = (Task.home(task, tmp_path / name) / WEIGHTS for name in ("results-2", "results"))
             assert ours.read_bytes() == theirs.read_bytes()
+
+
+@pytest.mark.full
+def test_a_node_that_dies_costs_no_trial_and_changes_none(tmp_path, monkeypatch):
+    pytest.importorskip("optuna")
+    here, there = tmp_path / "here", tmp_path / "there"
+    told = []
+    best = search(EXPERIMENT, here, 3, episodes=40, remark=told.append)[0].read_text()
+    with dying_cluster(monkeypatch, there, "trial-*") as address:
+        again = search(EXPERIMENT, there, 3, episodes=40, remark=told.append, runner=on_cluster(address))[0]
+    assert again.read_text() == best
+    assert (there / TRIALS).read_text() == (here / TRIALS).read_text()
+    assert len(told) == 6
+    policies = {path.relative_to(here): path.read_bytes() for path in here.glob(f"trial-*/{WEIGHTS}")}
+    assert len(policies) == 3
+    assert {path.relative_to(there): path.read_bytes() for path in there.glob(f"trial-*/{WEIGHTS}")} == policies
