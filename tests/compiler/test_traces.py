@@ -1,9 +1,6 @@
 """Functions that differ in numbers alone are traced once, and memory does not grow with how many there were."""
 
 import dataclasses
-import gc
-import os
-import sys
 
 import gymnasium as gym
 import numpy as np
@@ -11,6 +8,7 @@ import pytest
 from test_designs import other
 
 import tensegrity_envs
+from resident_memory import needs_counters, resident
 from tensegrity_envs.compiler import kernel, numbers, traces
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.pytree import Schema
@@ -118,13 +116,8 @@ def test_little_is_kept():
     assert [kept.get(k) for k in range(5)] == [None, "1", None, "3", "4"]
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads Linux's memory counters")
+@needs_counters
 def test_memory_stays_flat_over_designs():
-    def resident():
-        gc.collect()
-        with open("/proc/self/statm") as file:
-            return int(file.read().split()[1]) * os.sysconf("SC_PAGESIZE") / 2**20
-
     design = use("tensegrity/TwoXTensionReach-v0")
     for k in range(200):
         if k == 20:

@@ -1,7 +1,6 @@
 """Copies, pickles, forks and threads of environments go on alike, to the bit; memory does not grow."""
 
 import copy
-import gc
 import multiprocessing
 import os
 import pickle
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 
 import tensegrity_envs
+from resident_memory import needs_counters, resident
 
 DYNAMIC = [name for name in tensegrity_envs.ENV_IDS if "MuJoCo" in name]
 RANDOMIZED = {"stiffness": (0.8, 1.2), "mass": (0.8, 1.25), "damping": (0.5, 2.0)}
@@ -181,13 +181,8 @@ def test_workers_of_a_plain_script_find_ids_with_their_module(method, tmp_path):
     assert done.stdout.strip() == "(2,)", done.stderr
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads Linux's memory counters")
+@needs_counters
 def test_memory_stays_flat_over_episodes():
-    def resident():
-        gc.collect()
-        with open("/proc/self/statm") as file:
-            return int(file.read().split()[1]) * os.sysconf("SC_PAGESIZE") / 2**20
-
     env = made(DYNAMIC[-1], None, randomization=RANDOMIZED)
     env.reset(seed=0)
     env.step(np.zeros(env.action_space.shape))
@@ -198,7 +193,7 @@ def test_memory_stays_flat_over_episodes():
     assert resident() - before < 10  # MB; 5,000 episodes: mujoco_measurements.py
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads Linux's memory counters")
+@needs_counters
 @pytest.mark.parametrize("env_id", ["DualTriangleLoadedReach-v0", "DualTriangleLoadedReachMuJoCo-v0"])
 def test_512_loaded_arms_take_less_than_400_megabytes(env_id):
     code = f"""

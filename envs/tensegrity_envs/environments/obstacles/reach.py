@@ -10,7 +10,6 @@ import numpy as np
 from tensegrity_envs.compiler.namespace import Components, namespace_of
 from tensegrity_envs.core import Core, Sampled
 from tensegrity_envs.environments.dual_triangle import DualTriangleReach
-from tensegrity_envs.environments.dual_triangle.arm import PUBLISHED_SEGMENTS
 from tensegrity_envs.environments.n_x import NXReach
 from tensegrity_envs.environments.obstacles.given import checked_obstacles
 from tensegrity_envs.environments.obstacles.sampling import ObstacleSampler
@@ -20,7 +19,10 @@ from tensegrity_envs.environments.two_x import TwoXReach
 from tensegrity_envs.geometry.clearance import Disc, Obstacle, clearance
 from tensegrity_envs.geometry.own_bars import own_pairs
 from tensegrity_envs.observation import Divided, Field, Softsign
+from tensegrity_envs.options import Options
 from tensegrity_envs.rendering import Scene
+from tensegrity_envs.simulation.dynamic import Drivable
+from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
 from tensegrity_envs.simulation.protocol import COLLISION, RUNNING, Episode, State
 from tensegrity_envs.simulation.quasi_static import keep_where
 from tensegrity_envs.tasks import ObstacleInputReach, ObstacleReach, ObstacleReachWeights, Reach, ReachWeights
@@ -162,14 +164,28 @@ class ObstacleCore(Core):
         return replace(scene, caption=f"{scene.caption}   clearance {self.error_text(float(state.clearance))}")
 
 
-class PlanarFourBarObstacleReach(ObstacleCore, PlanarFourBarReach):
+class UnloadedObstacleCore(ObstacleCore):
+    """The same for mechanisms that have loads elsewhere.
+
+    Args:
+        load_range: None: among obstacles there is no load.
+
+    Raises:
+        ValueError: an argument is out of range; the message names it.
+    """
+
+    def __init__(
+        self, obstacles: Obstacles = _COUNT, own_bars: bool = False, load_range: None = None, **options: Any
+    ) -> None:
+        if load_range is not None:
+            raise ValueError(f"load_range = {load_range!r}: must be None: among obstacles there is no load")
+        super().__init__(obstacles, own_bars, **options)
+
+
+class PlanarFourBarObstacleReach(UnloadedObstacleCore, PlanarFourBarReach):
     """Reaching among obstacles with the unloaded planar 4-bar mechanism; an obstacle that is touched ends the episode.
 
     Args:
-        obstacles: how many discs are drawn for each episode, or a sequence of `Disc`s, convex `Polygon`s and `Wall`s
-            (or mappings of their fields) that are in every episode; 0 for none beside the mechanism's own bars.
-        own_bars: whether bars of the mechanism that touch each other are a collision, too; see `geometry.own_bars`.
-        load_range: None: among obstacles there is no load.
         backend: "quasi_static": there are no dynamics of this mechanism among obstacles.
 
     Raises:
@@ -180,16 +196,18 @@ class PlanarFourBarObstacleReach(ObstacleCore, PlanarFourBarReach):
     task_type: ClassVar[type[ObstacleInputReach]] = ObstacleInputReach
     default_weights = ObstacleReachWeights(effort=0.0)
 
-    def __init__(
-        self, obstacles: Obstacles = _COUNT, own_bars: bool = False, load_range: None = None, **options: Any
-    ) -> None:
-        check_no_load(load_range)
-        if options.get("backend", "quasi_static") != "quasi_static":
+    def set_simulation(self, control: Drivable, options: Options, usual: Dynamics) -> None:
+        """See `Core.set_simulation`.
+
+        Raises:
+            ValueError: dynamics are asked for.
+        """
+        if options.is_dynamic:
             raise ValueError(
-                f"backend = {options['backend']!r}: among obstacles the planar 4-bar mechanism has 'quasi_static' "
-                "alone; arms of X-joints and of dual-triangles have 'mujoco', too"
+                f"backend = {options.backend!r}: among obstacles the planar 4-bar mechanism has 'quasi_static' alone; "
+                "arms of X-joints and of dual-triangles have 'mujoco', too"
             )
-        super().__init__(obstacles, own_bars, **options)
+        super().set_simulation(control, options, usual)
 
 
 class NXObstacleReach(ObstacleCore, NXReach):
@@ -208,37 +226,9 @@ class TwoXObstacleReach(ObstacleCore, TwoXReach):
     """
 
 
-class DualTriangleObstacleReach(ObstacleCore, DualTriangleReach):
+class DualTriangleObstacleReach(UnloadedObstacleCore, DualTriangleReach):
     """Reaching among obstacles with the unloaded dual-triangle arm; an obstacle that is touched ends the episode.
-
-    Args:
-        obstacles: how many discs are drawn for each episode, or a sequence of `Disc`s, convex `Polygon`s and `Wall`s
-            (or mappings of their fields) that are in every episode; 0 for none beside the mechanism's own bars.
-        own_bars: whether bars of the mechanism that touch each other are a collision, too; see `geometry.own_bars`.
-        load_range: None: among obstacles there is no load.
-        segments: how many the arm has, two or more.
 
     Raises:
         ValueError: an argument is out of range; the message names it.
     """
-
-    def __init__(
-        self,
-        obstacles: Obstacles = _COUNT,
-        own_bars: bool = False,
-        load_range: None = None,
-        segments: int = PUBLISHED_SEGMENTS,
-        **options: Any,
-    ) -> None:
-        check_no_load(load_range)
-        super().__init__(obstacles, own_bars, segments=segments, **options)
-
-
-def check_no_load(load_range: object) -> None:
-    """Refuse a load.
-
-    Raises:
-        ValueError: there is one.
-    """
-    if load_range is not None:
-        raise ValueError(f"load_range = {load_range!r}: must be None: among obstacles there is no load")
