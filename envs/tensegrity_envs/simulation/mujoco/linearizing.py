@@ -47,9 +47,11 @@ def linearize(
         q: configuration [rad], shape (n,).
         inputs: tensions [N], free or actuator lengths [m] that hold it, shape (inputs,).
         load: at the tip [N], shape (2,), in space (3,).
-        loops: "closed" reduces every time step, as if the loops of a linkage never opened; "soft" reduces the whole
-            step, in which MuJoCo's constraints give way: what differences of simulated steps show. The same without
-            loops.
+        loops: "soft" reduces the whole step: what differences of simulated steps show, and what a mechanism with rigid
+            loops does, to 0.3%. "closed" reduces every time step, and so forgets by how much it opened the loops of a
+            linkage, which the next one would mend: MuJoCo damps every hinge for itself, implicitly, when the forces
+            that close the loops are known. Its error goes with time step times damping; it is up to 7% in the 2-X
+            with its usual damping, 2% in the lightly damped one. The same without loops.
 
     Raises:
         ValueError: configuration, inputs or load have another size, or are not finite.
