@@ -102,7 +102,8 @@ class LinearPlant:
     def models(self, estimates):
         return [estimate[0] for estimate in estimates]
 
-    def moved(self, states, commands, models):
+    def moved(self, states, commands, models, load):
+        assert load is None
         return states @ self.f.T + np.array(models)[:, None] * self.g + commands @ self.push.T
 
     def read(self, states):

@@ -28,7 +28,7 @@ BASELINES, DYNAMIC, TEACHERS = _collected("BASELINES"), _collected("DYNAMIC"), _
 # Those that are registered for one id, by that id.
 _OWN: Makers = {}
 
-# Of uncertain ids, by their names: those that only they need.
+# Of some ids, by their names: those that only they need.
 _UNCERTAIN = _collected("UNCERTAIN")
 
 # Of uncertain ids, by their names: who is told all that was drawn. It says how much of an error is due to not knowing.

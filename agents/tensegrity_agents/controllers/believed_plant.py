@@ -96,10 +96,12 @@ class BelievedPlant:
         reached = np.clip(reached, *self.model.input_bounds)
         return np.asarray(self.model.state(np.clip(q, -limit, limit), rates, reached))
 
-    def moved(self, states: np.ndarray, actuation: np.ndarray, models: list[Any] | None) -> np.ndarray:
-        """The states a step later under constant commands (n, actuators)."""
+    def moved(
+        self, states: np.ndarray, actuation: np.ndarray, models: list[Any] | None, load: np.ndarray | None = None
+    ) -> np.ndarray:
+        """The states a step later under constant commands (n, actuators) and tip forces (n, 2) [N]."""
         actuation = np.clip(actuation, *self.model.input_bounds)
-        return np.asarray(self.model.rollout(states, actuation, models=models).states)
+        return np.asarray(self.model.rollout(states, actuation, load, models=models).states)
 
     def read(self, states: np.ndarray) -> np.ndarray:
         """Joint angles and their rates (n, 2 joints)."""

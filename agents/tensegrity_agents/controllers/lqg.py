@@ -12,8 +12,9 @@ not begin where the nominal one would, the difference fades away in 25 steps. In
 
        t_k = M Q''_k + g_0(Q_k),    c_k = t_(k+1) + l / (1 - l) (t_(k+1) - t_k),
 
-   g_0 being the energy gradient without inputs, and the regulator of `torque_regulator`, whose gain follows the way at
-   every third step, give the commanded torque c_k + dc - G z, which is allocated to the inputs;
+   g_0 being the energy gradient without inputs (less J^T times a hidden load), and the regulator of
+   `torque_regulator`, whose gain follows the way at every third step, give the commanded torque c_k + dc - G z, which
+   is allocated to the inputs;
 4. integral action: from `wait` steps after the end of the plan on, while the arm hardly moves, the path is moved by
    J^T (J J^T + 0.1^2)^-1 times `integral` times the error of the believed tip.
 
@@ -57,6 +58,7 @@ class LQGMemory(NamedTuple):
         belief: about the arms.
         line: what is on the way to them.
         step: of the episode, shape (n,).
+        more: what a subclass remembers, arrays (n, ...).
     """
 
     plan: np.ndarray
@@ -68,6 +70,7 @@ class LQGMemory(NamedTuple):
     belief: Belief
     line: Line
     step: np.ndarray
+    more: tuple[np.ndarray, ...] = ()
 
 
 class LQG(FullSpeed[LQGMemory]):
@@ -84,6 +87,7 @@ class LQG(FullSpeed[LQGMemory]):
     tunable: ClassVar[dict[str, tuple[float, ...]]] = {"softness": (1.0, 3.0, 10.0), "smoothing": (3, 5, 8)}
     is_told_ranges = True
     wait = 8  # steps
+    look = 0  # first steps, in which the inputs are held
 
     def __init__(
         self, core: Core, base: Base, softness: float = 3.0, smoothing: int = 5, integral: float = 0.05
@@ -119,37 +123,49 @@ class LQG(FullSpeed[LQGMemory]):
         total = np.cumsum(np.concatenate([0 * before[:, :1], before, values, after], axis=1), axis=1)
         return np.asarray((total[:, width:] - total[:, :-width]) / width)
 
-    def _along(self, plan: np.ndarray, path: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Inertia and gain along the path; see `LQGMemory`."""
+    def _along(
+        self, plan: np.ndarray, path: np.ndarray, end: np.ndarray, loads: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inertia and gain along the path, under loads (n, 2) [N] if there are any; see `LQGMemory`."""
         inertia, gain = [], []
-        for inputs, angles, last in zip(plan, path, end, strict=True):
-            places = list(range(0, int(last) + _EVERY, _EVERY))
+        for i, (inputs, angles, last) in enumerate(zip(plan, path, end, strict=True)):
+            load = None if loads is None else loads[i]
+            places = [min(k, path.shape[1] - 1) for k in range(0, int(last) + _EVERY, _EVERY)]
             masses = [self.model.mass_matrix(angles[k]) for k in places]
-            gains = [self._gain_at(angles[k], inputs[k], mass) for k, mass in zip(places, masses, strict=True)]
+            gains = [self._gain_at(angles[k], inputs[k], mass, load) for k, mass in zip(places, masses, strict=True)]
             held = path.shape[1] // _EVERY + 2 - len(places)
             inertia.append(masses + held * masses[-1:])
             gain.append(gains + held * gains[-1:])
         return np.array(inertia), np.array(gain)
 
-    def _gain_at(self, q: np.ndarray, inputs: np.ndarray, mass: np.ndarray) -> np.ndarray:
-        """G about rest in q under these inputs."""
+    def _gain_at(
+        self, q: np.ndarray, inputs: np.ndarray, mass: np.ndarray, load: np.ndarray | None = None
+    ) -> np.ndarray:
+        """G about rest in q under these inputs and a load at the tip (2,) [N]."""
         actuation = self.plant.actuation(inputs[None])
         effect = effect_of(self.simulation, self.core.nominal, q[None], inputs[None], self.rate)[1][0]
         into = (self.plant.actuation(inputs - np.linalg.pinv(effect).T) - actuation).T
-        motion = torque_motion(linearize(self.model, q, actuation[0]), into, self.follows)
-        rows = self.core.nominal.stiffness_matrix(tuple(q[:, None]), tuple(actuation.T))
+        motion = torque_motion(linearize(self.model, q, actuation[0], load), into, self.follows)
+        forces = () if load is None else (tuple(load),)
+        rows = self.core.nominal.stiffness_matrix(tuple(q[:, None]), tuple(actuation.T), *forces)
         stiffness = np.array([[np.ravel(value)[0] for value in row] for row in rows])
         return gain_of(motion, stiffness, mass, effect, self.rate, self.softness)
 
     def _act(self, observed: DecodedObservation, memory: LQGMemory) -> tuple[np.ndarray, LQGMemory]:
         line = seen(memory.line, observed.inputs, self.rate, float(self.low), float(self.high))
         belief = self._believing(observed, memory)
+        memory = self._led(observed, memory._replace(belief=belief))
         there, inputs = self._ahead(belief, line, observed.inputs)
         shift = self._integrated(observed, belief, memory)
         wanted = self._regulated(there, inputs, memory._replace(shift=shift))
         action = np.clip((wanted - inputs) / self.rate, -1.0, 1.0)
+        action[memory.step < self.look] = 0.0
         line = sent(line, observed.inputs, action)
-        return action, memory._replace(belief=belief, line=line, shift=shift, step=memory.step + 1)
+        return action, memory._replace(line=line, shift=shift, step=memory.step + 1)
+
+    def _led(self, observed: DecodedObservation, memory: LQGMemory) -> LQGMemory:
+        """The memory, with another path where a subclass wants it."""
+        return memory
 
     def _believing(self, observed: DecodedObservation, memory: LQGMemory) -> Belief:
         """What is believed after a step and its measurement; at first, what the memory says."""
@@ -165,13 +181,15 @@ class LQG(FullSpeed[LQGMemory]):
         mean, reached, inputs = belief.mean.copy(), belief.reached.copy(), inputs.copy()
         for j in range(int(delay.max(initial=0))):
             rows = np.flatnonzero(delay > j)
-            estimates = mean[rows, size:]
+            here = Belief(mean[rows], belief.covariance, reached[rows], belief.lag)
+            estimates = self.filter.estimates(here)
             given = inputs[rows] + self.rate * line.actions[rows, delay[rows] - 1 - j]
             inputs[rows] = np.clip(given, self.low, self.high)
             q, rates = mean[rows, : self.joints], mean[rows, self.joints : size]
             states = self.plant.states(q, rates, self.plant.actuation(reached[rows]))
             commands = self.plant.actuation(inputs[rows])
-            mean[rows, :size] = self.plant.read(self.plant.moved(states, commands, self.plant.models(estimates)))
+            models, load = self.plant.models(estimates), self.filter.load(here)
+            mean[rows, :size] = self.plant.read(self.plant.moved(states, commands, models, load))
             reached[rows] += self.plant.follows(estimates)[:, None] * (inputs[rows] - reached[rows])
         return belief._replace(mean=mean, reached=reached), inputs
 
@@ -191,7 +209,7 @@ class LQG(FullSpeed[LQGMemory]):
         joints, last = self.joints, memory.path.shape[1] - 1
         rows, k = np.arange(len(inputs)), np.minimum(memory.step, memory.path.shape[1] - 1)
         estimates = self.filter.estimates(there)
-        arm = self.plant.mechanism(estimates)
+        arm, load = self.plant.mechanism(estimates), self.filter.load(there)
 
         def at(values: np.ndarray, place: np.ndarray) -> np.ndarray:
             return np.asarray(values[rows, np.clip(place, 0, last)])
@@ -201,6 +219,8 @@ class LQG(FullSpeed[LQGMemory]):
             q = at(memory.path, place)
             bend = (at(memory.path, place + 1) - 2 * q + at(memory.path, place - 1)) / self.time**2
             still, effect = effect_of(self.simulation, arm, q + memory.shift, at(memory.plan, place), self.rate)
+            if load is not None:
+                still = still - np.einsum("nij,ni->nj", jacobian_at(arm, tuple((q + memory.shift).T)), load)
             mass = memory.inertia[rows, np.clip(place, 0, last) // _EVERY]
             return still + np.einsum("nij,nj->ni", mass, bend), effect
 

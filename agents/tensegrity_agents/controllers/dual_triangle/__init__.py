@@ -5,6 +5,7 @@ from functools import partial
 from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.dual_triangle.beliefs import DualTriangleBeliefs
 from tensegrity_agents.controllers.dual_triangle.informed import Informed
+from tensegrity_agents.controllers.dual_triangle.loaded_lqg import LoadedLQG
 from tensegrity_agents.controllers.dual_triangle.push import HoldInputs, PushObserver, PushOracle, PushPseudoInverse
 from tensegrity_agents.controllers.dual_triangle.reach import (
     ClosedFormMax,
@@ -81,9 +82,11 @@ DYNAMIC["DualTriangleFastReach"] = {
     "oracle": partial(Regulated, base=Oracle),
 }
 
-# Of uncertain ids, by their names, besides those of the arm.
+# Of some ids, by their names, besides those of the arm.
 UNCERTAIN: Makers = {
-    name: {"mpc": partial(MPC, beliefs=DualTriangleBeliefs)} for name in ("DualTriangleLoadedReachUncertain",)
+    "DualTriangleLoadedReachUncertain": {"mpc": partial(MPC, beliefs=DualTriangleBeliefs)},
+    "DualTriangleLoadedReachMuJoCo": {"lqg": LoadedLQG},
+    "DualTriangleLoadedReachUncertainMuJoCo": {"lqg": LoadedLQG},
 }
 
 # The same: told everything that was drawn.

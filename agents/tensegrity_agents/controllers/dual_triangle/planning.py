@@ -182,10 +182,10 @@ class RoadMap:
         return kept
 
 
-def schedule(
+def course(
     arm: DualTriangle, path: np.ndarray, load: np.ndarray, rate: float, steps: int, largest_turn: float = 0.2
 ) -> np.ndarray:
-    """Control inputs, step by step, that lead an arm along a joint path at full rate.
+    """Postures, step by step, along a joint path at full rate.
 
     Args:
         arm: nominal.
@@ -196,7 +196,7 @@ def schedule(
         largest_turn: of a joint in one step [rad]; given up where there are not enough steps.
 
     Returns:
-        Shape (steps, segments) [m]; at the end of the path, its last inputs.
+        Shape (steps, segments) [rad]; after the end of the path, its last posture.
     """
     pieces = [np.linspace(0.0, 1.0, 201)[1:, None] * (b - a) + a for a, b in pairwise(path)]
     q = np.concatenate([path[:1], *pieces])
@@ -208,5 +208,21 @@ def schedule(
         cost = np.maximum(change, turn / 1.0)
     done = np.concatenate([[0.0], np.cumsum(cost)])
     places: Any = np.minimum(np.arange(1, steps + 1), done[-1])
-    along = np.stack([np.interp(places, done, angle) for angle in q.T])
-    return np.stack(arm.control(tuple(along), tuple(load)), axis=1)
+    return np.stack([np.interp(places, done, angle) for angle in q.T], axis=1)
+
+
+def schedule(arm: DualTriangle, path: np.ndarray, load: np.ndarray, rate: float, steps: int) -> np.ndarray:
+    """Control inputs, step by step, that lead an arm along a joint path at full rate.
+
+    Args:
+        arm: nominal.
+        path: see `course`, likewise the others.
+        load: shape (2,) [N].
+        rate: largest change of an input in one step [m].
+        steps: as many as there are.
+
+    Returns:
+        Shape (steps, segments) [m]; at the end of the path, its last inputs.
+    """
+    along = course(arm, path, load, rate, steps)
+    return np.stack(arm.control(tuple(along.T), tuple(load)), axis=1)
