@@ -196,7 +196,7 @@ class ArmFilter:
         q, rates = mean[:, :joints], mean[:, joints : 2 * joints]
 
         def velocity(at: np.ndarray) -> np.ndarray:
-            return np.einsum("nij,nj->ni", jacobian_at(arm, tuple(at.T)), rates)
+            return np.asarray(np.einsum("nij,nj->ni", jacobian_at(arm, tuple(at.T)), rates))
 
         jacobian, here = jacobian_at(arm, tuple(q.T)), velocity(q)
         bends = [(velocity(q + _ANGLE_STEP * e) - here) / _ANGLE_STEP for e in np.eye(joints)]

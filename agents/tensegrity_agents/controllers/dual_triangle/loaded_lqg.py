@@ -39,7 +39,7 @@ class LoadedLQG(LQG):
         softness: see `LQG`.
         smoothing: see `LQG`.
         integral: see `LQG`.
-        pace: share of the full speed.
+        speed: share of the full speed.
         look: steps in which the inputs are held.
         rate_drift: see `ArmFilter`.
     """
@@ -47,7 +47,7 @@ class LoadedLQG(LQG):
     tunable: ClassVar[dict[str, tuple[float, ...]]] = {
         "softness": (1.0, 3.0, 10.0),
         "smoothing": (5, 8, 12),
-        "pace": (0.3, 0.5, 0.8),
+        "speed": (0.3, 0.5, 0.8),
         "look": (6, 12),
     }
     again = 5  # steps
@@ -59,12 +59,12 @@ class LoadedLQG(LQG):
         softness: float = 3.0,
         smoothing: int = 8,
         integral: float = 0.05,
-        pace: float = 0.5,
+        speed: float = 0.5,
         look: int = 10,
         rate_drift: float = 0.01,
     ) -> None:
         super().__init__(core, Observer, softness, smoothing, integral)
-        self.pace, self.look = pace, int(look)
+        self.speed, self.look = speed, int(look)
         sampler: Any = core.sampler  # type: ignore[attr-defined]
         low, high = sampler.load_range
         loads = float(sampler.critical) * low, float(sampler.critical) * max(high, _LEAST_LOAD)
@@ -120,7 +120,7 @@ class LoadedLQG(LQG):
         return self._with_paths(memory, np.array(changed), way, made, load)
 
     def _course(self, path: np.ndarray, load: np.ndarray, steps: int) -> np.ndarray:
-        return course(self.nominal, path, load, self.pace * self.rate, steps, 0.2 * self.pace)
+        return course(self.nominal, path, load, self.speed * self.rate, steps, 0.2 * self.speed)
 
     def _with_paths(
         self, memory: LQGMemory, index: np.ndarray, way: np.ndarray, made: np.ndarray, load: np.ndarray
