@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium import spaces
 
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace, namespace_of, to_single
+from tensegrity_envs.mechanics.design import check_one_design
 from tensegrity_envs.mechanics.designs import resolve_design
 from tensegrity_envs.observation import Field, ObservationSchema
 from tensegrity_envs.options import OPTION_NAMES, Options
@@ -214,6 +215,7 @@ class Interface(ABC):
             TypeError: the design is not one of this mechanism.
         """
         self.design = resolve_design(options.design, self.published)
+        check_one_design(self.design, where)
         self.observe_all = options.observe == "full"
         self.observe_velocities = options.observe_velocities
         self.randomizable = frozenset(applicable)

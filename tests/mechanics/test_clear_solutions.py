@@ -291,6 +291,16 @@ def test_an_obstacle_on_the_base_leaves_nothing_and_wrong_calls_are_explained():
     assert clear_solutions(PlanarFourBar(), 99.0, 0.0, [disc]) == []
     with pytest.raises(ValueError, match="one or more"):
         clear_solutions(PlanarFourBar(), 99.0, 0.0, [])
+    for given, message in (
+        ({"x": np.array([0.1, 0.2])}, "single numbers, not arrays"),
+        ({"x": "far"}, r"target = \('far', 0.05\): must be finite numbers"),
+        ({"obstacles": [Disc((np.array([0.0, 0.1]), 0.5), 0.1)]}, "one disc, not many"),
+        ({"mechanism": PlanarFourBar(), "start": (-5.0, 9.0)}, "rho1 = -5.0: must be within"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            clear_solutions(**({"mechanism": arm, "x": 0.2, "y": 0.05, "obstacles": [disc]} | given))
+    with pytest.raises(TypeError, match="must be a list or tuple of Disc"):
+        clear_solutions(arm, 0.2, 0.05, disc)
     batch = PlanarFourBar(PlanarFourBarDesign(10.0, np.array([100.0, 90.0])))
     with pytest.raises(ValueError, match="clear_solutions takes one design"):
         clear_solutions(batch, 0.2, 0.05, [disc])

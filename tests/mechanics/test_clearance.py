@@ -1,5 +1,7 @@
 """Clearance of arms from obstacles, against Shapely."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -7,7 +9,8 @@ import shapely
 from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.pytree import Schema
 from tensegrity_envs.geometry.clearance import Disc, Polygon, Wall, bars_of, clearance, segment_distance
-from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, THREE_X, ZHAO2021_CAPTION, DualTriangle, TwoX
+from tensegrity_envs.geometry.own_bars import own_pairs
+from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, THREE_X, ZHAO2021_CAPTION, DualTriangle, SpatialPrism, TwoX
 
 ARMS = {"two_x": TwoX(MURALIDHARAN2022), "three_x": NX(THREE_X), "five_triangles": DualTriangle(ZHAO2021_CAPTION, 5)}
 COUNT = 200
@@ -74,9 +77,32 @@ def test_bad_obstacles_are_explained():
         (lambda: Polygon(((0, 0), (1, 0), (0.2, 0.2), (0, 1))), "convex"),
         (lambda: Wall((0.0, 0.0), (0.0, 0.0)), "normal not zero"),
         (lambda: clearance(ARMS["two_x"], (0.0, 0.0), []), "one or more"),
+        (lambda: clearance(ARMS["two_x"], (0.0, 0.0), [], own=[("bar 1", "bar x")]), "own: bar x: bars are bar 1, "),
+        (lambda: Disc(1.0, 1.0), r"Disc\(centre=1.0, radius=1.0\): must have a centre \(x, y\)"),
+        (lambda: Disc(("a", "b"), 1.0), "must have a centre"),
+        (lambda: Disc((0.0, 0.0), None), "positive radius"),
+        (lambda: Polygon("abc"), "corners='abc'.*: must have three corners"),
+        (lambda: Polygon(((0, 0), (1,), (0, 1))), "three corners"),
+        (lambda: Polygon(((0, 0), (1, 0), (0, 1), (0, 0))), "each of them once"),
+        (lambda: Wall(0.0, (0.0, 1.0)), r"point and normal must be \(x, y\)"),
+        (lambda: Wall((0.0, 0.0, 0.0), (1.0,)), r"point and normal must be \(x, y\)"),
+        (lambda: own_pairs(TwoX(replace(MURALIDHARAN2022, b=np.array([0.05, 0.04])))), "own_pairs takes one design"),
     ):
         with pytest.raises(ValueError, match=message):
             make()
+    disc = Disc((0.0, 0.5), 0.1)
+    for given in (disc, [{"centre": (0.0, 0.5), "radius": 0.1}], "disc", 3):
+        with pytest.raises(TypeError, match=r"obstacles = .*: must be a list or tuple of Disc, Polygon and Wall"):
+            clearance(ARMS["two_x"], (0.0, 0.0), given)
+    for spatial in (lambda: own_pairs(SpatialPrism()), lambda: clearance(SpatialPrism(), (0.0,) * 6, [disc])):
+        with pytest.raises(TypeError, match=r"SpatialPrism: .* planar mechanisms"):
+            spatial()
+
+
+@pytest.mark.parametrize("size", [1e-320, 1e-170, 3.0, 1e170, 1e308])
+def test_the_length_of_a_normal_does_not_count(size):
+    bar = ((1.0, 1.0), (2.0, 3.0))
+    assert Wall((0.0, 0.5), (size, size)).clearance(bar) == pytest.approx(1.5 / np.sqrt(2))
 
 
 def test_floats_tensors_and_compiled_code_give_what_arrays_give():

@@ -70,5 +70,9 @@ def test_targets_out_of_reach_and_wrong_calls():
         THREE.redundancy(0.1, 0.5, objective="least")
     with pytest.raises(ValueError, match=r"3 joints reach a point in a continuum .* redundancy"):
         THREE.inverse_kinematics(0.1, 0.5)
+    with pytest.raises(ValueError, match="single numbers, not arrays"):
+        THREE.local_optima(np.array([0.1, 0.2]), 0.5)
+    with pytest.raises(ValueError, match=r"x, y and start: shapes \(2,\), \(3,\), "):
+        THREE.redundancy(np.array([0.1, 0.2]), np.array([0.5, 0.6, 0.7]))
     with pytest.raises(ValueError, match="for three joints or more, not for 2"):
         NX(NXDesign.from_two_x(MURALIDHARAN2022)).redundancy(0.1, 0.5)

@@ -11,7 +11,15 @@ from n_x_checks import derivative_errors, draw, random_arm
 
 from tensegrity_envs.compiler import kernel, store
 from tensegrity_envs.compiler.kernel import evaluate
-from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, NXDesign, TwoX
+from tensegrity_envs.mechanics import (
+    MURALIDHARAN2022,
+    NX,
+    DualTriangle,
+    NXDesign,
+    PlanarFourBar,
+    SpatialPrism,
+    TwoX,
+)
 
 THREE = NXDesign.from_two_x(MURALIDHARAN2022, 3)
 
@@ -168,6 +176,23 @@ def test_what_is_wrong_with_a_call_is_named():
         arm.equilibrium((1.0,) * 4, (0.0,) * 3)
     with pytest.raises(ValueError, match="up to three joints, not for 5"):
         NX(NXDesign.from_two_x(MURALIDHARAN2022, 5)).equilibria((1.0,) * 10)
+    with pytest.raises(TypeError, match="q = 'abc': must be 3"):
+        arm.posture("abc")
+    many = NX(NXDesign.from_two_x(MURALIDHARAN2022, 14))
+    with pytest.raises(ValueError, match="14 joints with 28 cables: 37,442,160 choices of 13 cables"):
+        NX(replace(many.design, routing="from_base")).wrench_margin((0.01,) * 14)
+    with pytest.raises(ValueError, match="14 joints with 28 cables"):
+        _ = many.torque_zonotope((0.01,) * 14).volume
+    with pytest.raises(TypeError, match="must be a TwoXDesign, such as"):
+        NXDesign.from_two_x(THREE)
+    assert replace(THREE, joints=np.int64(3)) == THREE
+
+
+@pytest.mark.parametrize("mechanism", [NX, TwoX, DualTriangle, PlanarFourBar, SpatialPrism])
+def test_a_design_of_another_mechanism_is_refused(mechanism):
+    for design in (3, None, THREE if mechanism is not NX else MURALIDHARAN2022):
+        with pytest.raises(TypeError, match=r"design = .*: must be a \w+Design, such as tensegrity_envs.mechanics.\w+"):
+            mechanism(design)
 
 
 @pytest.mark.parametrize(("joints", "routing"), [(4, "per_joint"), (6, "per_joint"), (4, "from_base")])

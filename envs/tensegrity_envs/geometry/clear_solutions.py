@@ -14,9 +14,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component
-from tensegrity_envs.geometry.clearance import Obstacle, clearance
+from tensegrity_envs.geometry.clearance import Disc, Obstacle, check_obstacles, clearance
 from tensegrity_envs.geometry.own_bars import own_pairs
-from tensegrity_envs.mechanics.checks import check_finite, check_single
+from tensegrity_envs.mechanics.checks import check_numbers
+from tensegrity_envs.mechanics.design import check_one_design
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle
 from tensegrity_envs.mechanics.dual_triangle.local_optima import GROUP, SAME, grouped, slide
 from tensegrity_envs.mechanics.dual_triangle.local_optima import starts as triangle_starts
@@ -82,17 +83,23 @@ def clear_solutions(
         The solutions, none where none was found.
 
     Raises:
-        TypeError: the mechanism is none of these.
-        ValueError: a number is not finite, the objective is unknown, there are no obstacles, or the mechanism has one
-            joint or is a batch of designs.
+        TypeError: the mechanism is none of these, or the obstacles are no sequence of obstacles.
+        ValueError: a number is not finite, actuator lengths of the start are out of range, the objective is unknown,
+            there are no obstacles, a disc is many, or the mechanism has one joint or is a batch of designs.
     """
     joints = _joints(mechanism)
     is_four_bar = isinstance(mechanism, PlanarFourBar)
-    check_single(mechanism.length * mechanism.stiffness if is_four_bar else mechanism._probe, "clear_solutions")
+    check_one_design(mechanism.design, "clear_solutions")
     begin = (float(mechanism.length) if is_four_bar else 0.0,) * joints if start is None else start
-    for name, numbers, count in (("target", (x, y), 2), ("start", begin, joints), ("least", (least,), 1)):
-        check_finite(name, numbers, count)
-    check_finite("load", load, 2)
+    given = (("target", (x, y), 2), ("start", begin, joints), ("least", (least,), 1), ("load", load, 2))
+    for name, numbers, count in given:
+        check_numbers(name, numbers, count)
+    if is_four_bar:
+        mechanism.check_lengths(begin)
+    check_obstacles(obstacles)
+    for one in obstacles or ():
+        if isinstance(one, Disc) and any(map(np.ndim, (*one.centre, one.radius))):
+            raise ValueError(f"{one!r}: must be one disc, not many of them in arrays")
     if objective not in _OBJECTIVES:
         raise ValueError(f"objective = {objective!r}: must be one of {', '.join(_OBJECTIVES)}")
     pairs = own_pairs(mechanism) if own_bars else ()

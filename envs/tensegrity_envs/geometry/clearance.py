@@ -5,6 +5,7 @@ displacement that parts them where they overlap. Bodies are segments of no width
 least three corners. Which pairs of an arm's own bars count, `own_bars` says.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -36,7 +37,7 @@ class Disc:
         Raises:
             ValueError: a number is not finite, or the radius is not positive.
         """
-        if len(self.centre) != 2 or not _are_finite(*self.centre, self.radius) or not np.all(self.radius > 0):
+        if not (_is_pair(self.centre) and _are_finite(self.radius) and np.all(self.radius > 0)):
             raise ValueError(f"{self!r}: must have a centre (x, y) of finite numbers and a positive radius")
 
     def clearance(self, segment: Segment) -> Component:
@@ -65,15 +66,17 @@ class Polygon:
         Raises:
             ValueError: there are fewer than three corners, or they are not those of a convex polygon in this order.
         """
-        points = np.array(self.corners, float)
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3 or not np.isfinite(points).all():
+        if not (np.iterable(self.corners) and all(map(_is_pair, self.corners)) and len(self.corners) >= 3):
             raise ValueError(f"{self!r}: must have three corners (x, y) or more, of finite numbers")
+        points = np.array(self.corners, float)
         edges = np.roll(points, -1, axis=0) - points
         after = np.roll(edges, -1, axis=0)
         turns = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
         angles = np.arctan2(turns, (edges * after).sum(axis=1))
         if not (turns > 0).all() or abs(angles.sum() - 2 * np.pi) > 1e-6:
-            raise ValueError(f"{self!r}: corners must be those of a convex polygon, counter-clockwise")
+            raise ValueError(
+                f"{self!r}: corners must be those of a convex polygon, counter-clockwise, each of them once"
+            )
 
     def clearance(self, segment: Segment) -> Component:
         """Of a segment [m].
@@ -121,14 +124,14 @@ class Wall:
         Raises:
             ValueError: a number is not finite, or the normal is zero.
         """
-        numbers = (*self.point, *self.normal)
-        if len(numbers) != 4 or not np.isfinite(numbers).all() or not any(self.normal):
+        if not (_is_pair(self.point) and _is_pair(self.normal) and any(self.normal)):
             raise ValueError(f"{self!r}: point and normal must be (x, y) of finite numbers, the normal not zero")
 
     def clearance(self, segment: Segment) -> Component:
         """Of a segment [m]."""
         (ax, ay), (bx, by) = segment
-        nx, ny = self.normal
+        exponent = math.frexp(max(map(abs, self.normal)))[1]  # so that no square overflows or vanishes
+        nx, ny = (math.ldexp(value, -exponent) for value in self.normal)
         size = (nx * nx + ny * ny) ** 0.5
         first, second = ((nx * (x - self.point[0]) + ny * (y - self.point[1])) / size for x, y in ((ax, ay), (bx, by)))
         return namespace_of(first, second).minimum(first, second)
@@ -146,8 +149,15 @@ _CORNERS = 72  # of a disc's outline
 _FAR_INSIDE = -1e300  # [m]: what a bar of no length says of a normal that it does not have
 
 
-def _are_finite(*numbers: Component) -> bool:
-    return all(bool(np.isfinite(number).all()) for number in numbers)
+def _are_finite(*numbers: Any) -> bool:
+    try:
+        return all(bool(np.isfinite(number).all()) for number in numbers)
+    except TypeError:  # no numbers
+        return False
+
+
+def _is_pair(given: Any) -> bool:
+    return np.iterable(given) and len(tuple(given)) == 2 and _are_finite(*given)
 
 
 def point_distance(point: Point, segment: Segment) -> Component:
@@ -175,9 +185,22 @@ def _side(a: Point, b: Point, point: Point) -> Component:
     return (b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0])
 
 
+def check_obstacles(given: Any) -> None:
+    """Raise TypeError unless this is None or a sequence of obstacles, which may be empty."""
+    fine = given is None or (isinstance(given, list | tuple) and all(isinstance(one, Obstacle) for one in given))
+    if not fine:
+        raise TypeError(f"obstacles = {given!r}: must be a list or tuple of Disc, Polygon and Wall objects")
+
+
 def bars_of(mechanism: Any, q: Sequence[Component], inputs: Any = None) -> dict[str, Segment]:
-    """The bars of a planar mechanism in a configuration, by name: those of its members that keep their length."""
+    """The bars of a planar mechanism in a configuration, by name: those of its members that keep their length.
+
+    Raises:
+        TypeError: the mechanism is spatial.
+    """
     nodes = mechanism.nodes(q) if inputs is None else mechanism.nodes(q, inputs)
+    if any(len(node) != 2 for node in nodes.values()):
+        raise TypeError(f"{type(mechanism).__name__}: its nodes have three coordinates; this is for planar mechanisms")
     return {m.name: (nodes[m.nodes[0]], nodes[m.nodes[1]]) for m in mechanism.members if m.kind == "bar"}
 
 
@@ -214,11 +237,16 @@ def clearance(
         own: names of pairs of bars that must not touch each other; see `own_bars.own_pairs`.
 
     Raises:
-        ValueError: there are no obstacles and no pairs.
+        TypeError: the obstacles are no sequence of obstacles.
+        ValueError: there are no obstacles and no pairs, or a pair names a bar that there is not.
     """
+    check_obstacles(obstacles)
     if not obstacles and not own:
         raise ValueError("obstacles: must be one or more")
     bars = bars_of(mechanism, q, inputs)
     gaps = [obstacle.clearance(bar) for obstacle in obstacles for bar in bars.values()]
+    unknown = sorted({name for pair in own for name in pair} - set(bars))
+    if unknown:
+        raise ValueError(f"own: {', '.join(unknown)}: bars are {', '.join(bars)}")
     gaps += [signed_distance(bars[first], bars[second]) for first, second in own]
     return reduce(namespace_of(*gaps).minimum, gaps)

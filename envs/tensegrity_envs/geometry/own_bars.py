@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs.geometry.clearance import bars_of
+from tensegrity_envs.mechanics.design import check_one_design
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 
 _POSTURES = 64
@@ -26,7 +27,12 @@ def own_pairs(mechanism: Any) -> tuple[tuple[str, str], ...]:
 
     Args:
         mechanism: of one design.
+
+    Raises:
+        TypeError: the mechanism is spatial.
+        ValueError: it is a batch of designs.
     """
+    check_one_design(mechanism.design, "own_pairs")
     bars = bars_of(mechanism, *_postures(mechanism))
     names = list(bars)
     ends = np.array([[[np.broadcast_to(x, _POSTURES) for x in end] for end in bars[name]] for name in names])
@@ -52,6 +58,8 @@ def _postures(mechanism: Any) -> tuple[Any, Any]:
         is_open = 2 * np.min(mechanism.flatness(tuple(lengths)), axis=0) > _OPEN
         chosen = tuple(lengths[:, is_open][:, :_POSTURES])
         return mechanism.rectangle(chosen, np.where(np.arange(_POSTURES) % 2, 1.0, -1.0))[0], chosen
+    if not hasattr(mechanism.design, "joint_limit"):
+        raise TypeError(f"{type(mechanism).__name__}: has no joint angles in a plane; this is for planar mechanisms")
     limit = min(float(mechanism.design.joint_limit), _WIDEST)
     return tuple(rng.uniform(-limit, limit, (mechanism.degrees_of_freedom, _POSTURES))), None
 

@@ -17,9 +17,32 @@ T = TypeVar("T")
 def check_finite(name: str, values: Sequence[Component], count: int) -> None:
     """Raise ValueError unless these are `count` finite numbers (or arrays of them)."""
     check_count(name, values, count)
-    for value in values:
-        if not np.all(np.isfinite(np.asarray(detached(value), float))):
-            raise ValueError(f"{name} = {values!r}: must be finite numbers")
+    try:
+        finite = all(np.isfinite(np.asarray(detached(value), float)).all() for value in values)
+    except (TypeError, ValueError):  # texts, nested sequences
+        finite = False
+    if not finite:
+        raise ValueError(f"{name} = {values!r}: must be finite numbers")
+
+
+def check_numbers(name: str, values: Sequence[Component], count: int) -> None:
+    """Raise ValueError unless these are `count` finite numbers, no arrays."""
+    check_finite(name, values, count)
+    if any(np.ndim(value) for value in values):
+        raise ValueError(f"{name} = {values!r}: must be single numbers, not arrays")
+
+
+def common_shape(names: str, *values: Component) -> tuple[int, ...]:
+    """The shape, of one axis or more, that numbers and arrays have together.
+
+    Raises:
+        ValueError: the shapes differ.
+    """
+    try:
+        return np.broadcast_shapes((1,), *map(np.shape, values))
+    except ValueError:
+        shapes = ", ".join(str(np.shape(value)) for value in values)
+        raise ValueError(f"{names}: shapes {shapes}: must be numbers, or arrays of one shape") from None
 
 
 def check_count(name: str, values: Sequence[Component], *counts: int, names: str = "") -> None:
@@ -33,12 +56,14 @@ def check_count(name: str, values: Sequence[Component], *counts: int, names: str
 
     Raises:
         ValueError: there are more or fewer.
-        TypeError: it is one number.
+        TypeError: it is one number, or text.
     """
     try:
         given = len(values)
     except TypeError:
         raise TypeError(f"{name} = {values!r}: {_wanted(counts, names)}") from None
+    if isinstance(values, str):
+        raise TypeError(f"{name} = {values!r}: {_wanted(counts, names)}")
     if given not in counts:
         raise ValueError(f"{name}: {given} number{'s' * (given != 1)}, {_wanted(counts, names)}")
 

@@ -23,6 +23,19 @@ def require(condition: Component, design: str, field: str, value: object, what: 
         raise ValueError(f"{design}.{field} = {value!r}: must be {what}")
 
 
+def check_design(given: object, kind: type, example: str) -> None:
+    """Raise TypeError unless a design is of its kind; `example` is one that there is in `tensegrity_envs.mechanics`."""
+    if not isinstance(given, kind):
+        raise TypeError(f"design = {given!r}: must be a {kind.__name__}, such as tensegrity_envs.mechanics.{example}")
+
+
+def check_one_design(design: object, what: str) -> None:
+    """Raise ValueError for a batch of designs: where a field, or a number of a tuple, is an array."""
+    parts = [part for value in vars(design).values() for part in (value if isinstance(value, tuple) else (value,))]
+    if any(isinstance(part, np.ndarray) for part in parts):
+        raise ValueError(f"{what} takes one design, not a batch of them; take(index) picks one")
+
+
 def require_finite_numbers(
     design: "DataclassInstance", besides: Collection[str] = (), tuples: Collection[str] = ()
 ) -> None:

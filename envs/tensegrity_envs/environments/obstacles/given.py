@@ -51,8 +51,12 @@ def _obstacle(given: object, name: str) -> Obstacle:
     if sorted(given) != sorted(known):
         raise ValueError(f"{name} = {given!r}: a {kind.__name__} has {' and '.join(known)}")
     try:
-        return kind(**{key: _tupled(value) for key, value in given.items()})  # type: ignore[no-any-return]
-    except (TypeError, ValueError) as error:
+        numbers = {key: _tupled(value) for key, value in given.items()}
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} = {given!r}: {' and '.join(known)} must be numbers") from None
+    try:
+        return kind(**numbers)  # type: ignore[no-any-return]
+    except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace, is_batch, namespace_of
-from tensegrity_envs.mechanics.design import Index, Member, take
+from tensegrity_envs.mechanics.design import Index, Member, check_design, take
 from tensegrity_envs.mechanics.dual_triangle.design import ZHAO2021_CAPTION, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Links
 from tensegrity_envs.mechanics.dual_triangle.segment import DualTriangleSegment
@@ -49,6 +49,7 @@ class DualTriangleKinematics:
             raise TypeError(f"segments = {segments!r}: must be an integer")
         if segments < 1:
             raise ValueError(f"segments = {segments!r}: must be 1 or more")
+        check_design(design, DualTriangleDesign, "ZHAO2021_CAPTION")
         first, *others = design.of_segments(segments)
         self.design = design
         self.segments = self.degrees_of_freedom = segments

@@ -20,7 +20,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, as_components, is_batch
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
-from tensegrity_envs.mechanics.checks import check_finite, check_single, sized
+from tensegrity_envs.mechanics.checks import check_finite, check_numbers, check_single, common_shape, sized
 from tensegrity_envs.mechanics.dual_triangle.design import DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.inverse import InverseSolution, inverse_kinematics
 from tensegrity_envs.mechanics.dual_triangle.loading import DualTriangleLoading
@@ -168,7 +168,7 @@ class DualTriangle(DualTriangleLoading):
         limit = np.asarray(self.design.joint_limit if joint_limit is None else joint_limit, float)
         if not np.all(limit > 0):
             raise ValueError(f"joint_limit = {joint_limit!r}: must be positive")
-        shape = np.broadcast_shapes((1,), np.shape(x), np.shape(y), limit.shape, *(np.shape(s) for s in start))
+        shape = common_shape("x, y, joint_limit and start", x, y, limit, *start)
         px, py, bound = (np.broadcast_to(np.asarray(value, float), shape) for value in (x, y, limit))
         origin = np.stack([np.broadcast_to(np.asarray(value, float), shape) for value in start])
         found = resolve(self._plain_links(), px, py, origin, objective, bound)
@@ -213,8 +213,8 @@ class DualTriangle(DualTriangleLoading):
             raise ValueError(f"local_optima: for two segments or more, not for {self.segments}")
         check_single(self._probe, "local_optima")
         begin = (0.0,) * self.segments if start is None else start
-        check_finite("target", (x, y), 2)
-        check_finite("start", begin, self.segments)
+        check_numbers("target", (x, y), 2)
+        check_numbers("start", begin, self.segments)
         check_finite("load", load, 2)
         place, limit = np.array(begin, float)[:, None], float(self.design.joint_limit)
         _, q, value = optima(self, np.array([float(x)]), np.array([float(y)]), place, objective, tuple(load), limit)
@@ -229,7 +229,7 @@ class DualTriangle(DualTriangleLoading):
         if not 0 < limit < math.inf:
             raise ValueError(f"joint_limit = {joint_limit!r}: must be positive and finite")
         single = not is_batch(x, y, *start)
-        shape = np.broadcast_shapes((1,), np.shape(x), np.shape(y), *(np.shape(s) for s in start))
+        shape = common_shape("x, y and start", x, y, *start)
         px, py = (np.broadcast_to(np.asarray(value, float), shape) for value in (x, y))
         begin = np.stack([np.broadcast_to(np.asarray(value, float), shape) for value in start])
         owner, found, value = optima(self, px, py, begin, objective, _NO_LOAD, limit)

@@ -7,7 +7,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace, is_symbol, namespace_of
 from tensegrity_envs.compiler.pytree import tree_leaves
-from tensegrity_envs.mechanics.design import Index, Member, take
+from tensegrity_envs.mechanics.design import Index, Member, check_design, take
 from tensegrity_envs.mechanics.n_x import statics, structure, tensions
 from tensegrity_envs.mechanics.n_x.design import NXDesign
 from tensegrity_envs.mechanics.n_x.routing import PER_JOINT, cable_names, routing_table
@@ -23,6 +23,7 @@ class Chain:
     """Kinematics, members and energy of an n-X manipulator; see `NX`."""
 
     def __init__(self, design: NXDesign) -> None:
+        check_design(design, NXDesign, "THREE_X")
         self.design = design
         self.degrees_of_freedom = design.joints
         self.routing = routing_table(design.routing, design.joints)

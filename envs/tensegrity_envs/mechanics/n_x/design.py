@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.mechanics.design import require, require_finite_numbers
+from tensegrity_envs.mechanics.design import check_design, require, require_finite_numbers
 from tensegrity_envs.mechanics.n_x.routing import PER_JOINT, checked_routing
 from tensegrity_envs.mechanics.two_x import MURALIDHARAN2022, TwoXDesign
 
@@ -64,8 +64,9 @@ class NXDesign:
             ValueError: a field is outside its range or of the wrong length; the message names field and value.
         """
         name = type(self).__name__
-        if isinstance(self.joints, bool) or not isinstance(self.joints, int):
+        if isinstance(self.joints, bool) or not isinstance(self.joints, int | np.integer):
             raise TypeError(f"{name}.joints = {self.joints!r}: must be an integer")
+        object.__setattr__(self, "joints", int(self.joints))
         require(self.joints >= 1, name, "joints", self.joints, "1 or more")
         for field in _PER_JOINT_FIELDS:
             given = getattr(self, field)
@@ -102,7 +103,12 @@ class NXDesign:
         """The chain of joints as a `TwoXDesign` has them.
 
         Of two joints it is the same arm; further joints have the springs of the second one.
+
+        Raises:
+            TypeError: it is no such design.
+            ValueError: there is no joint.
         """
+        check_design(design, TwoXDesign, "MURALIDHARAN2022")
         k = (design.k1, *((design.k2,) * (joints - 1)))
         common = {field: getattr(design, field) for field in _COMMON_FIELDS}
         return cls(joints, design.b, design.l, design.a, k, **common)

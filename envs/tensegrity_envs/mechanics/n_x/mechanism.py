@@ -13,7 +13,7 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace, as_components
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
-from tensegrity_envs.mechanics.checks import check_finite, check_single, sized
+from tensegrity_envs.mechanics.checks import check_finite, check_numbers, check_single, common_shape, sized
 from tensegrity_envs.mechanics.eigenvalues import smallest_eigenvalue
 from tensegrity_envs.mechanics.n_x import buckling, inverse, programmes, redundancy, statics, tensions, wrenches
 from tensegrity_envs.mechanics.n_x.chain import NO_LOAD, CableArm, symmetric
@@ -321,6 +321,8 @@ class NX(CableArm):
         Raises:
             ValueError: a number is not finite, the arm has fewer than three joints, or the mechanism is a batch.
         """
+        check_numbers("target", (x, y), 2)
+        check_numbers("start", (0.0,) * self.degrees_of_freedom if start is None else start, self.degrees_of_freedom)
         found = self._optima(x, y, objective, start, load)
         return [redundancy.Optimum(tuple(q), v) for q, v in zip(found[1].T.tolist(), found[2].tolist(), strict=True)]
 
@@ -344,10 +346,10 @@ class NX(CableArm):
         """
         owner, q, value = self._optima(x, y, objective, start, load)
         first = np.unique(owner, return_index=True)
-        m = len(np.atleast_1d(x))
+        (m,) = common_shape("x, y and start", x, y, *(() if start is None else start))
         best, values, there = np.full((len(q), m), np.nan), np.full(m, np.nan), np.zeros(m, bool)
         best[:, first[0]], values[first[0]], there[first[0]] = q[:, first[1]], value[first[1]], True
-        if np.ndim(x) == 0:
+        if not any(map(np.ndim, (x, y, *(() if start is None else start)))):
             return redundancy.Redundancy(tuple(best[:, 0].tolist()), float(values[0]), bool(there[0]))
         return redundancy.Redundancy(tuple(best), values, there)
 
@@ -362,8 +364,9 @@ class NX(CableArm):
         check_finite("target", (x, y), 2)
         check_finite("start", begin, n)
         check_finite("load", load, 2)
-        px, py = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
-        places = np.stack([np.broadcast_to(np.asarray(angle, float), px.shape) for angle in begin])
+        shape = common_shape("x, y and start", x, y, *begin)
+        px, py, *angles = (np.broadcast_to(np.asarray(value, float), shape) for value in (x, y, *begin))
+        places = np.stack(angles)
         return redundancy.optima(self, px, py, places, objective, tuple(load))
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.mechanics.n_x.zonotope import facet_normals
+from tensegrity_envs.mechanics.n_x.zonotope import check_choices, facet_normals
 
 
 class Zonotope(NamedTuple):
@@ -43,6 +43,7 @@ class Zonotope(NamedTuple):
     def volume(self) -> float:
         """Its volume [(N m)^n]: the sum of those of all parallelepipeds of n generators."""
         n, m = self.generators.shape
+        check_choices(m, n, n)
         return float(sum(abs(np.linalg.det(2 * self.generators[:, some])) for some in combinations(range(m), n)))
 
 

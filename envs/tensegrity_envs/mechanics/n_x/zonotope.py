@@ -9,6 +9,7 @@ A facet is parallel to n - 1 of the columns: all choices of them are tried, and 
 direction gives a condition that is necessary, so rounding in nearly degenerate normals does no harm.
 """
 
+import math
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -17,11 +18,28 @@ from tensegrity_envs.compiler.namespace import Component, Components, Namespace
 # rows of entries; None where the cable does not act on the joint
 Table = Sequence[Sequence[Component | None]]
 _DEGENERATE = 1e-13  # of the normal's columns, relative
+_MOST = 1_000_000  # choices of columns: more take hours
+
+
+def check_choices(cables: int, joints: int, chosen: int) -> None:
+    """Raise ValueError where more than a million choices of `chosen` cables are to be tried."""
+    choices = math.comb(cables, chosen)
+    if choices > _MOST:
+        raise ValueError(
+            f"{joints} joints with {cables} cables: {choices:,} choices of {chosen} cables to try, more than "
+            f"{_MOST:,}: the set of feasible torques is for fewer joints or cables (postures and margins of "
+            "routing='per_joint' do without it)"
+        )
 
 
 def facet_normals(table: Table) -> list[list[Component | None]]:
-    """Normals of all facets, up to sign and length: each with n components, None for a zero."""
+    """Normals of all facets, up to sign and length: each with n components, None for a zero.
+
+    Raises:
+        ValueError: there are more than a million choices of n - 1 columns.
+    """
     n = len(table)
+    check_choices(len(table[0]), n, n - 1)
     rows = tuple(range(n))
     if n == 1:
         return [[1.0]]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace, detached, namespace_of
-from tensegrity_envs.mechanics.design import Member
+from tensegrity_envs.mechanics.design import Member, check_design
 from tensegrity_envs.mechanics.planar_four_bar.design import JI2014, PlanarFourBarDesign
 
 Point = tuple[Component, Component]
@@ -42,10 +42,7 @@ class FourBarKinematics:
     input_names = ("rho1", "rho2")
 
     def __init__(self, design: PlanarFourBarDesign = JI2014) -> None:
-        if not isinstance(design, PlanarFourBarDesign):
-            raise TypeError(
-                f"design = {design!r}: must be a PlanarFourBarDesign, such as tensegrity_envs.mechanics.JI2014"
-            )
+        check_design(design, PlanarFourBarDesign, "JI2014")
         self.design = design
         self.length, self.stiffness = design.length, design.stiffness
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, is_symbol, namespace_of
-from tensegrity_envs.mechanics.design import Member
+from tensegrity_envs.mechanics.design import Member, check_design
 from tensegrity_envs.mechanics.spatial_prism import statics
 from tensegrity_envs.mechanics.spatial_prism.design import JAHROMY, SpatialPrismDesign
 from tensegrity_envs.mechanics.spatial_prism.statics import Pose
@@ -30,6 +30,7 @@ class PrismKinematics:
     input_names = ("strut 1", "strut 2", "strut 3")
 
     def __init__(self, design: SpatialPrismDesign = JAHROMY) -> None:
+        check_design(design, SpatialPrismDesign, "JAHROMY")
         self.design = design
         d, D = design.d, design.D
         self.base = tuple((D * math.cos(a), D * math.sin(a), 0.0 * D) for a in _ANGLES)

@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace, is_symbol, namespace_of
-from tensegrity_envs.mechanics.design import Index, Member, take
+from tensegrity_envs.mechanics.design import Index, Member, check_design, take
 from tensegrity_envs.mechanics.two_x.design import MURALIDHARAN2022, TwoXDesign
 from tensegrity_envs.mechanics.x_joints.curve import Geometry
 from tensegrity_envs.mechanics.x_joints.joint import Bars, Joint, joint_at
@@ -22,6 +22,7 @@ class TwoXKinematics:
     input_names = ("left 1", "right 1", "left 2", "right 2")
 
     def __init__(self, design: TwoXDesign = MURALIDHARAN2022) -> None:
+        check_design(design, TwoXDesign, "MURALIDHARAN2022")
         self.design = design
         b, l, a, g = design.b, design.l, design.a, design.gravity
         half = (a * a + b * b / 4) ** 0.5
