@@ -84,6 +84,7 @@ def test_bad_obstacles_are_explained():
         (lambda: Polygon("abc"), "corners='abc'.*: must have three corners"),
         (lambda: Polygon(((0, 0), (1,), (0, 1))), "three corners"),
         (lambda: Polygon(((0, 0), (1, 0), (0, 1), (0, 0))), "each of them once"),
+        (lambda: Polygon(((0, 0), (1, 0), (2, 0), (0, 1))), "none on the line between two others"),
         (lambda: Wall(0.0, (0.0, 1.0)), r"point and normal must be \(x, y\)"),
         (lambda: Wall((0.0, 0.0, 0.0), (1.0,)), r"point and normal must be \(x, y\)"),
         (lambda: own_pairs(TwoX(replace(MURALIDHARAN2022, b=np.array([0.05, 0.04])))), "own_pairs takes one design"),

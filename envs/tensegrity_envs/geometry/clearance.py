@@ -75,7 +75,8 @@ class Polygon:
         angles = np.arctan2(turns, (edges * after).sum(axis=1))
         if not (turns > 0).all() or abs(angles.sum() - 2 * np.pi) > 1e-6:
             raise ValueError(
-                f"{self!r}: corners must be those of a convex polygon, counter-clockwise, each of them once"
+                f"{self!r}: corners must be those of a convex polygon, counter-clockwise, each of them once, and none "
+                "on the line between two others"
             )
 
     def clearance(self, segment: Segment) -> Component:
