@@ -98,7 +98,7 @@ Level = Annotated[
     typer.Option(
         min=0,
         max=3,
-        help="of uncertainty: 0 (the nominal arm) to 3; see docs/environments.md",
+        help="of uncertainty: 0 (the nominal arm) to 3",
         show_default="the environment's",
     ),
 ]
@@ -345,6 +345,6 @@ def find_experiment(config: Path | None, env: str | None, folder: Path | None = 
         notes = "".join(f"\n  {note}" for note in unreadable)
         raise ConfigError(
             f"no config for {wanted} in {' and '.join(f'{place.absolute()}{os.sep}' for place in folders)}"
-            f"{did_you_mean(wanted, found)}; --config takes a file from anywhere{notes}"
+            f"{did_you_mean(wanted, found) or ';'} --config takes a file from anywhere{notes}"
         )
     return load_experiment(found[wanted])

@@ -349,7 +349,7 @@ def known_env(name: str) -> str:
     full = name if name.startswith("tensegrity/") else f"tensegrity/{name}"
     if full not in tensegrity_envs.ENV_IDS:
         hint = did_you_mean(name, tensegrity_envs.ENV_IDS)
-        raise ConfigError(f"no environment {name!r}{hint}; `tensegrity list` tells all, your own is 'module:id'")
+        raise ConfigError(f"no environment {name!r}{hint or ';'} `tensegrity list` tells all, your own is 'module:id'")
     return full
 
 

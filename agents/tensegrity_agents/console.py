@@ -22,7 +22,6 @@ from rich.progress import (
 )
 
 from tensegrity_agents.config import ConfigError
-from tensegrity_agents.controllers import BASELINES, DYNAMIC
 from tensegrity_agents.extras import MissingExtraError
 from tensegrity_agents.interrupt import as_usual
 from tensegrity_agents.sb3.errors import ExportError, TrainingError, TrainingInterruptedError
@@ -40,12 +39,6 @@ _FAILURES = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.ENOMEM, errno.EMFILE, 
 
 GO_ON = "run the same command again to go on from the last checkpoint"
 AGAIN = "run the same command again to begin anew"
-
-
-def list_of_baselines() -> str:
-    """The names of the baselines of all environments, for help texts."""
-    names_of = {arm: list(dict.fromkeys([*BASELINES.get(arm, {}), *DYNAMIC.get(arm, {})])) for arm in BASELINES}
-    return "; ".join(f"{arm}: {', '.join(names)}" for arm, names in names_of.items()) + "; all: random"
 
 
 @contextmanager

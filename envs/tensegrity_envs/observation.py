@@ -211,7 +211,8 @@ class DecodedObservation:
         Raises:
             AttributeError: always; the message says what is observed.
         """
-        raise AttributeError(f"{name!r} is not observed; there are {', '.join(vars(self))}")
+        hint = "; velocities are with observe_velocities = True" if name in ("joint_rates", "tip_velocity") else ""
+        raise AttributeError(f"{name!r} is not observed; there are {', '.join(vars(self))}{hint}")
 
     def __contains__(self, name: str) -> bool:
         """Whether there is such a quantity."""

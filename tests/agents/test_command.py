@@ -240,6 +240,8 @@ def test_without_mujoco_the_rest_is_compiled():
     ("arguments", "answer"),
     [
         ("nothing", "No such command"),
+        ("evalute TwoXReach-v0", "Did you mean 'evaluate'?"),
+        ("evaluate TwoXReach-v0 --controller closed_from_ik", "did you mean 'closed_form_ik'?"),
         ("watch TwoXReach", "did you mean TwoXReach-v0"),
         ("watch TwoXReach-v0 --record film.avi", "must end in .gif or .mp4"),
         ("watch TwoXReach-v0 --record {here}/none/film.gif --controller nobody", "there are closed_form_ik"),

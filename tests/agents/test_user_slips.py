@@ -13,7 +13,6 @@ from script_runs import run
 
 import tensegrity_agents.console
 from tensegrity_agents.config import Experiment
-from tensegrity_agents.controllers import baselines_of
 from tensegrity_agents.sb3.training import train
 
 ROOT = Path(__file__).parents[2]
@@ -258,8 +257,7 @@ def test_help_tells_defaults_and_baselines(script):
     if script == "analyze":
         assert "results/analysis/<mechanism>" in told
     if script in ("evaluate", "compare"):
-        for env_id in ("tensegrity/TwoXReach-v0", "tensegrity/SpatialPrismTrackMuJoCo-v0"):
-            assert all(name in told for name in baselines_of(env_id))
+        assert "tensegrity list ID" in told
 
 
 def test_analyze_announces_the_files_that_are_there(place):

@@ -10,7 +10,6 @@ from tensegrity_agents.console import (
     clear_errors,
     console,
     for_machines,
-    list_of_baselines,
     progress_bar,
     say,
     tell_json,
@@ -26,7 +25,7 @@ def main(
         list[str] | None,
         typer.Option(
             help="one more controller beside those of the config, such as my_module:MyController; may be repeated. "
-            f"Baselines are: {list_of_baselines()}"
+            "tensegrity list ID tells the baselines of an id"
         ),
     ] = None,
     episodes: Annotated[

@@ -11,13 +11,14 @@ from tensegrity_agents.console import (
     clear_errors,
     console,
     for_machines,
-    list_of_baselines,
     progress_bar,
     say,
     tell_json,
 )
 from tensegrity_agents.pretrained import pretrained_ids
 from tensegrity_agents.reporting.table import print_table, summary_rows
+
+_SAME_ARM = {"level", "randomization", "tolerance"}  # options with which a shipped policy still fits
 
 
 @with_option_groups
@@ -28,7 +29,7 @@ def main(
         list[str] | None,
         typer.Option(
             help="baseline, agent (the shipped policy), or your own class as my_module:MyController; may be repeated. "
-            f"Baselines are: {list_of_baselines()}",
+            "tensegrity list ID tells the baselines of an id",
             show_default="the environment's first baseline",
         ),
     ] = None,
@@ -43,8 +44,8 @@ def main(
     `--controller agent` is the policy that is shipped; `tensegrity list` tells which ids have one.
 
     A controller of your own is any class, called without arguments, that has predict(observation, state, episode_start,
-    deterministic); observations come in batches of shape (n, ...), actions are of shape (n, size) in [-1, 1]. See
-    CONTRIBUTING.md.
+    deterministic); observations come in batches of shape (n, ...), actions are of shape (n, size) in [-1, 1]. More by
+    python -m pydoc tensegrity_agents.controllers.base.Controller.
 
     Example:
     tensegrity evaluate TwoXReach-v0 --controller agent --controller closed_form_ik --controller my_module:MyController
@@ -65,5 +66,5 @@ def main(
             tell_json(rows)
         else:
             print_table(rows, console)
-        if not controller and not policy and env_id in pretrained_ids():
+        if not controller and not policy and set(given) <= _SAME_ARM and env_id in pretrained_ids():
             say("a trained policy is shipped for it: --controller agent scores it")

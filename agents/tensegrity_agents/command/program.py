@@ -1,6 +1,8 @@
 """The program `tensegrity`, which imports of its subcommands only the one that is called: some load Torch."""
 
+from difflib import get_close_matches
 from importlib import import_module
+from inspect import cleandoc
 from typing import Any
 
 import typer
@@ -27,10 +29,16 @@ SUBCOMMANDS = {
 }
 
 
+def reflowed(text: str) -> str:
+    """A docstring with each paragraph in one line, which help wraps to the width of the terminal."""
+    return "\n\n".join(" ".join(part.split()) for part in cleandoc(text).split("\n\n"))
+
+
 def load(name: str) -> Any:
     """The subcommand of a name, made of the `main` of its module."""
     app = typer.Typer(add_completion=False, rich_markup_mode="rich")
-    app.command(name)(import_module(f"tensegrity_agents.command.{name}").main)
+    main = import_module(f"tensegrity_agents.command.{name}").main
+    app.command(name, help=reflowed(main.__doc__))(main)
     command = typer.main.get_command(app)
     command.name = name
     return command
@@ -48,7 +56,9 @@ class Program(TyperGroup):
         return TyperCommand(cmd_name, help=SUBCOMMANDS[cmd_name]) if cmd_name in SUBCOMMANDS else None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The subcommand that is called, imported now."""
+        """The subcommand that is called, imported now; one that there is not is answered with the nearest."""
+        if args and args[0] not in SUBCOMMANDS and (close := get_close_matches(args[0], SUBCOMMANDS, 1)):
+            ctx.fail(f"No such command {args[0]!r}. Did you mean {close[0]!r}?")
         name, stub, rest = super().resolve_command(ctx, args)
         return name, stub if name is None or stub is None else load(name), rest
 

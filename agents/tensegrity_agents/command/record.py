@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from tensegrity_agents.command_options import EnvironmentChoice, EnvironmentOptions, with_option_groups
-from tensegrity_agents.console import checked_folder, clear_errors, list_of_baselines, progress_bar, say
+from tensegrity_agents.console import checked_folder, clear_errors, progress_bar, say
 from tensegrity_agents.recording import record
 
 
@@ -18,7 +18,7 @@ def main(
         str,
         typer.Option(
             help="with commas between them: baselines, agent (the shipped policy, or that of --policy), or your own "
-            f"classes as my_module:MyController. Baselines are: {list_of_baselines()}"
+            "classes as my_module:MyController. tensegrity list ID tells the baselines of an id"
         ),
     ] = "oracle,random",
     episodes: Annotated[int, typer.Option(min=1, help="how many, the same for each controller")] = 100,

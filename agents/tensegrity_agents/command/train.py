@@ -12,7 +12,7 @@ def main(chosen: ExperimentOptions, options: EnvironmentOptions) -> None:
     """Train agents as a config says.
 
     Writes <out>/agent-<seed>/policy.safetensors and policy.json (load them with
-    tensegrity_agents.sb3.policy_file.load_policy), checkpoint.pt, progress.csv (training episodes), evaluation.csv
+    tensegrity_agents.load_policy), checkpoint.pt, progress.csv (training episodes), evaluation.csv
     (the agent without noise on validation episodes) and TensorBoard logs. Interrupt it whenever you like: the same
     command goes on.
 

@@ -10,7 +10,7 @@ from PIL import Image
 from tensegrity_agents import env_options
 from tensegrity_agents.command_options import EnvironmentChoice, EnvironmentOptions, with_option_groups
 from tensegrity_agents.config import ConfigError
-from tensegrity_agents.console import checked_file, clear_errors, list_of_baselines, need_window, progress_bar, say
+from tensegrity_agents.console import checked_file, clear_errors, need_window, progress_bar, say
 from tensegrity_agents.controllers import baselines_of, make_controller
 from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.player import Player
@@ -68,7 +68,7 @@ def main(
     controller: Annotated[
         str | None,
         typer.Option(
-            help=f"baseline, or your own class as my_module:MyController. Baselines are: {list_of_baselines()}",
+            help="baseline (see tensegrity list ID), or your own class as my_module:MyController",
             show_default="the shipped policy, or else the oracle or the strongest baseline",
         ),
     ] = None,

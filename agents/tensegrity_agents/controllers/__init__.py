@@ -1,6 +1,7 @@
 """Controllers: whatever has `predict(observation, state, episode_start, deterministic)`, by name."""
 
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any
@@ -106,7 +107,9 @@ def make_controller(name: str, env_id: str, options: Mapping[str, Any] | None = 
         env = unwrapped(gym.make(env_id, **(options or {})))
         return baselines[name](env.core)
     if ":" not in name:
-        raise ValueError(f"controller {name!r}: there are {', '.join(baselines)}, or your own class as 'module:Class'")
+        close = get_close_matches(name, baselines, 1)
+        hint = f"did you mean {close[0]!r}? There" if close else "there"
+        raise ValueError(f"controller {name!r}: {hint} are {', '.join(baselines)}, or your own class as 'module:Class'")
     module_name, _, class_name = name.partition(":")
     try:
         module = own_module(module_name)

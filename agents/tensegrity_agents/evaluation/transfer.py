@@ -43,12 +43,17 @@ def pair_of(env_id: str) -> tuple[str, str]:
     Raises:
         ValueError: there is no such pair.
     """
-    base = env_id.removesuffix("-v0").removesuffix("MuJoCo")
-    pair = f"{base}-v0", f"{base}MuJoCo-v0"
+    rests = _rests(env_id)
+    pair = rests, f"{rests.removesuffix('-v0')}MuJoCo-v0"
     if not all(name in gym.registry for name in pair):
-        known = [name for name in gym.registry if "MuJoCo" in name and name.startswith("tensegrity/")]
+        known = [short_name(one) for one in gym.registry if one.endswith("MuJoCo-v0") and _rests(one) in gym.registry]
         raise ValueError(f"{env_id}: has no twin with other motion; there are {', '.join(known)}")
     return pair
+
+
+def _rests(env_id: str) -> str:
+    """The quasi-static id of a pair."""
+    return f"{env_id.removesuffix('-v0').removesuffix('MuJoCo')}-v0"
 
 
 def transfer(
