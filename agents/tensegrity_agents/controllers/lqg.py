@@ -168,8 +168,8 @@ class LQG(FullSpeed[LQGMemory]):
         return memory
 
     def _believing(self, observed: DecodedObservation, memory: LQGMemory) -> Belief:
-        """What is believed after a step and its measurement; at first, what the memory says."""
-        first = memory.step == 0
+        """What is believed after a step and its measurement; while the inputs are held, what the memory says."""
+        first = memory.step <= self.look
         if first.all():
             return memory.belief
         belief = self.filter.measured(self.filter.moved(memory.belief, observed.inputs), observed)

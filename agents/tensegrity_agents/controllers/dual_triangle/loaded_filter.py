@@ -1,4 +1,4 @@
-"""What is believed of a dual-triangle arm that rests under a hidden load, from the first look at its tip.
+"""What is believed of a dual-triangle arm that rests under a hidden load, from the first looks at its tip.
 
 The control inputs tell the posture in which the arm was before it was loaded, exactly. A load F / s, relative to the
 stiffness factor s, leads from there to another posture, q(F / s), by continuation; its tip is seen with noise. So
@@ -68,20 +68,24 @@ class LoadedFilter(ArmFilter):
         plant: what is believed; a dual-triangle arm whose load is hidden.
         load_range: of the size of the load [N].
         rate_drift: see `ArmFilter`.
+        load_drift: error of a step in the load, as a share of the largest.
     """
 
-    def __init__(self, plant: BelievedPlant, load_range: tuple[float, float], rate_drift: float) -> None:
+    def __init__(
+        self, plant: BelievedPlant, load_range: tuple[float, float], rate_drift: float, load_drift: float = 0.0
+    ) -> None:
         super().__init__(plant, load_range[1], rate_drift)
+        self.drift[-2:, -2:] += (load_drift * load_range[1]) ** 2 * np.eye(2)
         factors = plant.factors(plant.ranges.T).get("stiffness", np.ones(1))
         self.relative_range = load_range[0] / float(factors.max()), load_range[1] / float(factors.min())
 
-    def first(self, observed: DecodedObservation) -> Belief:
-        """Of arms at rest, whose tip is seen."""
+    def first(self, observed: DecodedObservation, looks: int = 1) -> Belief:
+        """Of arms at rest, whose tip is seen, or is the mean of so many looks."""
         n, joints, p = len(observed), self.joints, len(self.plant.names)
         size = 2 * joints + p + 2
         mean, covariance = np.zeros((n, size)), np.zeros((n, size, size))
         for i in range(n):
-            load, weight, q = self._sampled(observed.inputs[i], observed.tip[i])
+            load, weight, q = self._sampled(observed.inputs[i], observed.tip[i], looks)
             rows = np.zeros((len(load), size))
             rows[:, :joints] = q
             rows[:, 2 * joints : 2 * joints + p] = self._prior(len(load))
@@ -98,13 +102,13 @@ class LoadedFilter(ArmFilter):
         low, high = self.plant.ranges.T
         return np.asarray(np.random.default_rng(1).uniform(low, high, (count, len(low))))
 
-    def _sampled(self, inputs: np.ndarray, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _sampled(self, inputs: np.ndarray, tip: np.ndarray, looks: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Loads (k, 2) [N] relative to the stiffness, their weights (k,), and postures (k, 3) [rad]."""
         arm, rng, (low, high) = self.plant.core.nominal, np.random.default_rng(0), self.relative_range
         bare = np.repeat(inputs[None], _SAMPLES, axis=0)
         radius, angle = np.maximum(rng.uniform(low, high, _SAMPLES), _TINY), rng.uniform(-np.pi, np.pi, _SAMPLES)
         load, proposed = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1), 1 / radius
-        sigma, noise = _FIRST_SIGMA, float(np.sqrt(self.tip_noise[0, 0]))
+        sigma, noise = _FIRST_SIGMA, max(FLOOR, float(np.sqrt(self.tip_noise[0, 0] / looks)))
         found: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         while True:
             q = loaded_postures(arm, bare, load)

@@ -1,18 +1,20 @@
 """LQG of a dual-triangle arm whose joints are not seen and whose load is hidden.
 
 The filter (`loaded_filter`, `kalman`) believes in angles, rates, parameters and the load. The inputs are held for
-`look` steps, while it averages what it sees of the arm at rest. Then a joint path is chosen as the observer does
-(`planning.choose_posture`), for the load that is believed: a posture has its tip at the target whatever the load is, so
-that a belief that changes moves no path, only the torques that hold it. Every `again` steps the rest of the path is
-looked at under the load of then; where its clearance (the least of stability margin, distance to the joint limits and
-to the bounds of the inputs) is below `narrow`, and another path from there has more, that one is taken. Regulator,
-delay and integral action are those of `lqg`.
+`look` steps; the mean of the tip in these, at rest, is what it begins with. The load is reckoned to drift a little: a
+belief that went wrong where the motion is far from linear is unlearned again. Then a joint path is chosen as the
+observer does (`planning.choose_posture`), for the load that is believed: a posture has its tip at the target whatever
+the load is, so that a belief that changes moves no path, only the torques that hold it. Every `again` steps the rest of
+the path is looked at under the load of then; where its clearance (the least of stability margin, distance to the joint
+limits and to the bounds of the inputs) is below `narrow`, and another path from there has more, that one is taken.
+Regulator, delay and integral action are those of `lqg`.
 """
 
 from typing import Any, ClassVar
 
 import numpy as np
 
+from tensegrity_agents.controllers.base import with_rows
 from tensegrity_agents.controllers.delay_line import first_line
 from tensegrity_agents.controllers.dual_triangle.loaded_filter import LoadedFilter
 from tensegrity_agents.controllers.dual_triangle.planning import choose_posture, course, validity
@@ -31,8 +33,8 @@ _CHANGE = 0.1  # of the largest load: beyond it gains and inputs are found anew
 
 
 class LoadedLQG(LQG):
-    """See the module. `more` of its memory: the path before corners are rounded (n, steps, joints) [rad], and the load
-    (n, 2) [N], relative to the stiffness, for which it was made.
+    """See the module. `more` of its memory: the path before corners are rounded (n, steps, joints) [rad], the load
+    (n, 2) [N], relative to the stiffness, for which it was made, and the mean tip (n, 2) [m] of the first looks.
 
     Args:
         core: of the environment, a dynamic dual-triangle arm with a hidden load.
@@ -42,6 +44,7 @@ class LoadedLQG(LQG):
         speed: share of the full speed.
         look: steps in which the inputs are held.
         rate_drift: see `ArmFilter`.
+        load_drift: see `LoadedFilter`.
     """
 
     tunable: ClassVar[dict[str, tuple[float, ...]]] = {
@@ -62,13 +65,14 @@ class LoadedLQG(LQG):
         speed: float = 0.5,
         look: int = 10,
         rate_drift: float = 0.01,
+        load_drift: float = 0.003,
     ) -> None:
         super().__init__(core, Observer, softness, smoothing, integral)
         self.speed, self.look = speed, int(look)
         sampler: Any = core.sampler  # type: ignore[attr-defined]
         low, high = sampler.load_range
         loads = float(sampler.critical) * low, float(sampler.critical) * max(high, _LEAST_LOAD)
-        self.filter: LoadedFilter = LoadedFilter(self.plant, loads, rate_drift)
+        self.filter: LoadedFilter = LoadedFilter(self.plant, loads, rate_drift, load_drift)
         self.knows = (
             "the nominal design and the documented ranges; LQG along the path: angles, parameters and load identified "
             "by a Kalman filter, delay by what became of actions"
@@ -84,12 +88,27 @@ class LoadedLQG(LQG):
         inertia, gain = self._along(plan, way, np.zeros(n, int), load)
         line, step = first_line(observed.inputs, self.delays), np.zeros(n, int)
         end = np.full(n, _NEVER)
-        return LQGMemory(plan, way, end, inertia, gain, 0 * q, belief, line, step, (way, load))
+        return LQGMemory(plan, way, end, inertia, gain, 0 * q, belief, line, step, (way, load, observed.tip))
 
     def _relative(self, mean: np.ndarray) -> np.ndarray:
         """The believed load relative to the believed stiffness, (n, 2) [N]."""
         estimates = mean[:, 2 * self.joints :][:, : len(self.plant.names)]
         return np.asarray(mean[:, -2:] / self.plant.factors(estimates).get("stiffness", np.ones(len(mean)))[:, None])
+
+    def _act(self, observed: DecodedObservation, memory: LQGMemory) -> tuple[np.ndarray, LQGMemory]:
+        return super()._act(observed, self._looked(observed, memory))
+
+    def _looked(self, observed: DecodedObservation, memory: LQGMemory) -> LQGMemory:
+        """The memory after a look at arms at rest, which counts until the inputs are no longer held."""
+        way, made, tip = memory.more
+        new = tip + (observed.tip - tip) / (memory.step + 1)[:, None]
+        tip = np.where((memory.step <= self.look)[:, None], new, tip)
+        memory = memory._replace(more=(way, made, tip))
+        seen = np.flatnonzero(memory.step == self.look)
+        if not len(seen):
+            return memory
+        belief = self.filter.first(observed.take(seen).replace(tip=tip[seen]), self.look + 1)
+        return memory._replace(belief=with_rows(memory.belief, seen, belief))
 
     def _led(self, observed: DecodedObservation, memory: LQGMemory) -> LQGMemory:
         """The memory, with a path where there is none yet, and another where that is better."""
@@ -97,7 +116,7 @@ class LoadedLQG(LQG):
         due = np.flatnonzero((since >= 0) & (since % self.again == 0) & (memory.step < _STEPS - 1))
         if not len(due):
             return memory
-        way, made = (values.copy() for values in memory.more)
+        way, made, _ = (values.copy() for values in memory.more)
         load = self._relative(memory.belief.mean)
         changed = []
         for i in due:
@@ -140,4 +159,4 @@ class LoadedLQG(LQG):
         for name, values in found.items():
             news[name] = getattr(memory, name).copy()
             news[name][index] = values
-        return memory._replace(more=(way, made), **news)
+        return memory._replace(more=(way, made, memory.more[2]), **news)
