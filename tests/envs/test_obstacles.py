@@ -150,7 +150,13 @@ def test_obstacles_of_ones_own_are_in_every_episode():
 
 def test_arrays_serve_as_lists_do():
     arrays = [{key: np.array(value) for key, value in one.items()} for one in (DISC, SQUARE, WALL)]
-    assert TwoXObstacleReach(obstacles=arrays).obstacles == TwoXObstacleReach(obstacles=[DISC, SQUARE, WALL]).obstacles
+    wanted = TwoXObstacleReach(obstacles=[DISC, SQUARE, WALL])
+    assert TwoXObstacleReach(obstacles=arrays).obstacles == wanted.obstacles
+    made = [kind(**fields) for kind, fields in zip((Disc, Polygon, Wall), arrays, strict=True)]
+    core = TwoXObstacleReach(obstacles=made)
+    assert core.obstacles == wanted.obstacles
+    starts = [one.sample(np.arange(2), np.zeros(2, int)).configuration for one in (core, wanted)]
+    np.testing.assert_array_equal(*starts)
 
 
 def test_walls_alone_are_not_observed():
@@ -183,7 +189,8 @@ def test_bad_obstacles_are_named():
         ([DISC, {"centre": [0, 1]}], r"obstacles\[1\]"),
         ([DISC | {"colour": "red"}], "centre and radius"),
         ([DISC | {"radius": -1.0}], "positive radius"),
-        ([DISC | {"radius": "big"}], r"obstacles\[0\]"),
+        ([DISC | {"radius": "big"}], r"obstacles\[0\] = .*: centre and radius must be numbers"),
+        ([Disc((np.array([0.4, 0.5]), 0.3), 0.05)], "one disc, not many of them in arrays"),
         ([DISC | {"centre": [4.0, 0.0]}], "within the reach"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component
-from tensegrity_envs.geometry.clearance import Disc, Obstacle, check_obstacles, clearance
+from tensegrity_envs.geometry.clearance import Obstacle, check_obstacles, check_one_each, clearance
 from tensegrity_envs.geometry.own_bars import own_pairs
 from tensegrity_envs.mechanics.checks import check_numbers
 from tensegrity_envs.mechanics.design import check_one_design
@@ -97,9 +97,7 @@ def clear_solutions(
     if is_four_bar:
         mechanism.check_lengths(begin)
     check_obstacles(obstacles)
-    for one in obstacles or ():
-        if isinstance(one, Disc) and any(map(np.ndim, (*one.centre, one.radius))):
-            raise ValueError(f"{one!r}: must be one disc, not many of them in arrays")
+    check_one_each(obstacles or ())
     if objective not in _OBJECTIVES:
         raise ValueError(f"objective = {objective!r}: must be one of {', '.join(_OBJECTIVES)}")
     pairs = own_pairs(mechanism) if own_bars else ()

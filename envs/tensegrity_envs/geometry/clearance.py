@@ -39,6 +39,7 @@ class Disc:
         """
         if not (_is_pair(self.centre) and _are_finite(self.radius) and np.all(self.radius > 0)):
             raise ValueError(f"{self!r}: must have a centre (x, y) of finite numbers and a positive radius")
+        object.__setattr__(self, "centre", tuple(self.centre))
 
     def clearance(self, segment: Segment) -> Component:
         """Of a segment [m]."""
@@ -69,6 +70,7 @@ class Polygon:
         if not (np.iterable(self.corners) and all(map(_is_pair, self.corners)) and len(self.corners) >= 3):
             raise ValueError(f"{self!r}: must have three corners (x, y) or more, of finite numbers")
         points = np.array(self.corners, float)
+        object.__setattr__(self, "corners", tuple(map(tuple, points.tolist())))
         edges = np.roll(points, -1, axis=0) - points
         after = np.roll(edges, -1, axis=0)
         turns = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
@@ -127,6 +129,8 @@ class Wall:
         """
         if not (_is_pair(self.point) and _is_pair(self.normal) and any(self.normal)):
             raise ValueError(f"{self!r}: point and normal must be (x, y) of finite numbers, the normal not zero")
+        for name in ("point", "normal"):
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
 
     def clearance(self, segment: Segment) -> Component:
         """Of a segment [m]."""
@@ -191,6 +195,13 @@ def check_obstacles(given: Any) -> None:
     fine = given is None or (isinstance(given, list | tuple) and all(isinstance(one, Obstacle) for one in given))
     if not fine:
         raise TypeError(f"obstacles = {given!r}: must be a list or tuple of Disc, Polygon and Wall objects")
+
+
+def check_one_each(obstacles: Sequence[Obstacle]) -> None:
+    """Raise ValueError where a disc is many: where a number of it is an array."""
+    for one in obstacles:
+        if isinstance(one, Disc) and any(map(np.ndim, (*one.centre, one.radius))):
+            raise ValueError(f"{one!r}: must be one disc, not many of them in arrays")
 
 
 def bars_of(mechanism: Any, q: Sequence[Component], inputs: Any = None) -> dict[str, Segment]:

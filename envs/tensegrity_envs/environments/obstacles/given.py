@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.geometry.clearance import Disc, Obstacle, Polygon, Wall
+from tensegrity_envs.geometry.clearance import Disc, Obstacle, Polygon, Wall, check_one_each
 
 MOST = 8  # discs drawn
 _KINDS: dict[str, type[Any]] = {"radius": Disc, "corners": Polygon, "normal": Wall}  # by a field that tells them apart
@@ -34,7 +34,9 @@ def checked_obstacles(given: object, may_be_none: bool = False) -> int | tuple[O
             f"obstacles = {given!r}: must be a number of discs, or a sequence of obstacles such as "
             "{'centre': (0.3, 0.4), 'radius': 0.05}"
         )
-    return tuple(_obstacle(one, f"obstacles[{k}]") for k, one in enumerate(given))
+    obstacles = tuple(_obstacle(one, f"obstacles[{k}]") for k, one in enumerate(given))
+    check_one_each(obstacles)
+    return obstacles
 
 
 def _obstacle(given: object, name: str) -> Obstacle:
