@@ -48,9 +48,9 @@ def teachers_of(env_id: str, options: Mapping[str, Any] | None = None) -> dict[s
     return baselines | TEACHERS.get(arm_of(env_id, options), {})
 
 
-def arm_of(env_id: str, options: Mapping[str, Any] | None = None) -> str:
-    """The name of an environment's arm: that of its id, unless its options name another."""
-    return str((options or {}).get("arm") or gym.spec(env_id).kwargs["arm"])
+def arm_of(env_id: str, options: Mapping[str, Any] | None = None) -> Any:
+    """An environment's arm, by its name or as a class: that of its id, unless its options say another."""
+    return (options or {}).get("arm") or gym.spec(env_id).kwargs["arm"]
 
 
 def baselines_of(env_id: str, options: Mapping[str, Any] | None = None) -> dict[str, Callable[[Core], Any]]:
