@@ -40,9 +40,9 @@ def run(tmp_path_factory):
 
     def at(command):
         program, *arguments = shlex.split(command)
-        assert program == "python"
+        begin = {"python": [], "tensegrity": ["-c", "from tensegrity_envs.program import run; run()"]}[program]
         return subprocess.run(
-            [sys.executable, *arguments], cwd=copy / FOLDER.relative_to(ROOT), env=os.environ | {"PYTHONPATH": path},
+            [sys.executable, *begin, *arguments], cwd=copy / FOLDER.relative_to(ROOT), env=os.environ | {"PYTHONPATH": path},
             capture_output=True, text=True, check=False,
         )  # fmt: skip
 
