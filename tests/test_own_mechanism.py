@@ -42,8 +42,8 @@ def run(tmp_path_factory):
         program, *arguments = shlex.split(command)
         begin = {"python": [], "tensegrity": ["-c", "from tensegrity_envs.program import run; run()"]}[program]
         return subprocess.run(
-            [sys.executable, *begin, *arguments], cwd=copy / FOLDER.relative_to(ROOT), env=os.environ | {"PYTHONPATH": path},
-            capture_output=True, text=True, check=False,
+            [sys.executable, *begin, *arguments], cwd=copy / FOLDER.relative_to(ROOT),
+            env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, check=False,
         )  # fmt: skip
 
     return at
