@@ -83,3 +83,10 @@ def ids(ours):
 def cases(ours):
     """The mechanisms that were asked for, or ours."""
     return CASES or list(ours)
+
+
+def controllers(ours):
+    """Pairs (id, name) of the baselines of the ids that were asked for, or ours; of the random one, none."""
+    from tensegrity_agents.controllers import baselines_of  # laws of environments run without agents
+
+    return [(env_id, name) for env_id in ids(ours) for name in baselines_of(env_id) if name != "random"]

@@ -6,17 +6,12 @@ import pytest
 
 import law_rows
 import tensegrity_envs
-from tensegrity_agents.controllers import baselines_of, make_controller
+from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.controllers.base import AnalyticController
 from tensegrity_envs.compiler.pytree import is_array, tree_leaves
 
 COUNT = 4
-CASES = [
-    (env_id, name)
-    for env_id in law_rows.ids(tensegrity_envs.ENV_IDS)
-    for name in baselines_of(env_id)
-    if name != "random"
-]
+CASES = law_rows.controllers(tensegrity_envs.ENV_IDS)
 
 
 def flat(memory):

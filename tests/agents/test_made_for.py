@@ -16,12 +16,7 @@ from tensegrity_envs.seeding import VALIDATION_SEED
 TENSION = "tensegrity/TwoXTensionReach-v0"
 FAST = "tensegrity/TwoXFastReachMuJoCo-v0"
 COUNT = 2
-CASES = [
-    (env_id, name)
-    for env_id in law_rows.ids(tensegrity_envs.ENV_IDS)
-    for name in baselines_of(env_id)
-    if name != "random"
-]
+CASES = law_rows.controllers(tensegrity_envs.ENV_IDS)
 
 
 def looked_at(core, monkeypatch):
