@@ -183,5 +183,5 @@ def test_options_that_cannot_be_used_are_refused():
     ):
         with pytest.raises(ValueError, match=name):
             gym.make(LOADED, **options)
-    with pytest.raises(TypeError, match="batch"):
+    with pytest.raises(ValueError, match="batch"):
         gym.make(REACH, design=PlanarFourBarDesign(np.ones(2), 100.0))

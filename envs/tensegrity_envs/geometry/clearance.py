@@ -5,7 +5,6 @@ displacement that parts them where they overlap. Bodies are segments of no width
 least three corners. Which pairs of an arm's own bars count, `own_bars` says.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -135,9 +134,10 @@ class Wall:
     def clearance(self, segment: Segment) -> Component:
         """Of a segment [m]."""
         (ax, ay), (bx, by) = segment
-        exponent = math.frexp(max(map(abs, self.normal)))[1]  # so that no square overflows or vanishes
-        nx, ny = (math.ldexp(value, -exponent) for value in self.normal)
-        size = (nx * nx + ny * ny) ** 0.5
+        own = namespace_of(*self.normal)
+        most = own.maximum(*map(abs, self.normal))  # so that no square overflows or vanishes
+        nx, ny = (value / most for value in self.normal)
+        size = own.sqrt(nx * nx + ny * ny)
         first, second = ((nx * (x - self.point[0]) + ny * (y - self.point[1])) / size for x, y in ((ax, ay), (bx, by)))
         return namespace_of(first, second).minimum(first, second)
 

@@ -87,8 +87,6 @@ class PlanarFourBarReach(Core):
         applicable |= {"stiffness"} if load_range is None else set()  # loaded targets depend on it
         applicable |= options.varied_dynamics | ({"mass"} if options.is_dynamic else set())
         self.take_options(options, applicable, f"a {options.backend} planar 4-bar mechanism")
-        if self.design.is_batch:
-            raise TypeError(f"design = {self.design!r}: must be one design, not a batch")
         self.nominal = PlanarFourBar(self.design)
         self.reach = float(self.nominal.reach)
         control = (RectangleControl if load_range is None else LoadedLengthControl)(self.nominal)
