@@ -133,7 +133,8 @@ def _records() -> dict[str, list[Record]]:
 def reward(core: Any) -> str:
     """The terms of the dense reward with their weights, and what the sparse one is."""
     task = core.task
-    texts = described(type(task.weights))
+    kinds = reversed(type(task.weights).__mro__)  # a class of weights says what its own are, its bases the others
+    texts = {name: text for kind in kinds for name, text in described(kind).items()}
     names = [name.removeprefix("reward_") for name in meanings_of(core) if name.startswith("reward_")]
     rows = [(f"`{name}`", f"{getattr(task.weights, name):g}", texts.get(name, _NONE)) for name in names]
     intro = (

@@ -52,6 +52,7 @@ def test_a_page_names_what_there_is(pages, entry):
     assert [name for name in named if name != "agents"] == list(baselines_of(entry.id))
     for name in first_cells(section(page, "Reward")):
         assert getattr(core.task.weights, name) >= 0
+    assert f"| {pages._NONE} |" not in section(page, "Reward")
     for option in entry.options:
         assert f"| `{option}` | `{entry.options[option]!r}` |" in section(page, "Options")
 
