@@ -208,21 +208,28 @@ def search(
     # Of several trials at a time each one takes it that the others will be bad, so that they differ.
     study.sampler = optuna.samplers.TPESampler(seed=seed + len(study.trials), constant_liar=runner is not None)
 
+    def give_up(trial: Any, why: str) -> None:
+        study.tell(trial, state=state.PRUNED)
+        remark(f"trial {trial.number}: {why}")
+
     def begin() -> Begun | None:
         """The next trial, unless there are enough."""
-        done = len(study.get_trials(deepcopy=False, states=(state.COMPLETE, state.PRUNED)))
-        if progress is not None:
-            progress("trials", done, trials, _best_so_far(study))
-        if done + len(study.get_trials(deepcopy=False, states=(state.RUNNING,))) >= trials:
-            return None
-        trial, own = study.ask(), base.train.model_dump()
-        settings = {key: range_.suggest(trial, key, _at(own, key)) for key, range_ in space_of(base).items()}
-        return Begun(trial, _with(base, settings))
+        while True:
+            done = len(study.get_trials(deepcopy=False, states=(state.COMPLETE, state.PRUNED)))
+            if progress is not None:
+                progress("trials", done, trials, _best_so_far(study))
+            if done + len(study.get_trials(deepcopy=False, states=(state.RUNNING,))) >= trials:
+                return None
+            trial, own = study.ask(), base.train.model_dump()
+            settings = {key: range_.suggest(trial, key, _at(own, key)) for key, range_ in space_of(base).items()}
+            try:
+                return Begun(trial, _with(base, settings))
+            except ConfigError as error:  # settings that do not go together
+                give_up(trial, str(error))
 
     for (trial, _), outcome in (runner or one_by_one)(begin, folder, episodes, progress):
         if isinstance(outcome, str):
-            study.tell(trial, state=state.PRUNED)
-            remark(f"trial {trial.number}: {outcome}")
+            give_up(trial, outcome)
             continue
         study.tell(trial, outcome)
         remark(f"trial {trial.number}: {outcome:.1%}, best {_best_so_far(study)}")
@@ -288,7 +295,7 @@ def try_settings(
 
     try:
         agent = train(experiment, experiment.seeds[0], home, look)
-    except ConfigError as error:  # settings that do not go together
+    except ConfigError as error:  # which only the training can tell
         return str(error)
     except _GivenUpError:
         return "given up"

@@ -5,6 +5,7 @@ import csv
 import pytest
 from typer.testing import CliRunner
 
+from tensegrity_agents import search as search_module
 from tensegrity_agents.command.program import app
 from tensegrity_agents.config import ConfigError, Experiment, load_experiment
 from tensegrity_agents.sb3 import training
@@ -58,6 +59,22 @@ def test_after_an_interrupt_the_same_settings_go_on(tmp_path, monkeypatch):
     assert len(tried) == 4
     assert {seed for _, seed, _ in tried} == {3}
     assert [row["state"] for row in rows_of(tmp_path)] == ["complete", "fail", "complete", "complete"]
+
+
+def test_settings_that_do_not_go_together_are_passed_over(tmp_path, monkeypatch):
+    usual, remarks, asked = search_module._with, [], []
+
+    def refused(experiment, settings):
+        if settings not in asked:
+            asked.append(settings)
+        if settings == asked[-1] and len(asked) == 2:
+            raise ConfigError("these two do not go together")
+        return usual(experiment, settings)
+
+    monkeypatch.setattr(search_module, "_with", refused)
+    search(EXPERIMENT, tmp_path, 3, episodes=5, remark=remarks.append)
+    assert remarks[1] == "trial 1: these two do not go together"
+    assert [row["state"] for row in rows_of(tmp_path)] == ["complete", "pruned", "complete"]
 
 
 def test_a_trial_that_is_behind_is_given_up(tmp_path, monkeypatch):

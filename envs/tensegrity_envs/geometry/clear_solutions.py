@@ -64,7 +64,8 @@ def clear_solutions(
     """Configurations within the joint limits with the tip at (x, y) [m] and no bar in an obstacle, the best first.
 
     Of two joints all of them, and of the planar 4-bar all stable equilibria under the load; of three joints the local
-    optima of the objective along the self-motion curves; of more, where 200 starts slide to (to about 1e-4 rad).
+    optima of the objective along the self-motion curves; of more, where 200 starts slide to: the best is one, others
+    may have stopped beside a kink or at the edge of an obstacle.
 
     Args:
         mechanism: a `TwoX`, an `NX` or a `DualTriangle` of two joints or more, or a `PlanarFourBar`; of one design.
