@@ -86,6 +86,7 @@ class Interface(ABC):
         observe_velocities: whether velocities are observed.
         randomization: the ranges of what differs from episode to episode.
         randomizable: the names of what may differ.
+        noise_scale: what the tip noise of the levels of uncertainty is multiplied by, for mechanisms of another size.
         info_meanings: unit and meaning of the entries of `info` that only this environment has.
         can_fail: whether episodes may be terminated; a subclass whose episodes end by the time limit alone says False.
         shows_joint_space: whether reports draw paths in the joint space, whose two angles decide all margins.
@@ -113,6 +114,7 @@ class Interface(ABC):
     observe_velocities: bool = False
     randomization: Randomization = Randomization()
     randomizable: frozenset[str] = frozenset()
+    noise_scale: ClassVar[float] = 1.0
     info_meanings: ClassVar[dict[str, tuple[str, str]]] = {}
     can_fail: bool = True
     shows_joint_space: bool = False
@@ -219,7 +221,7 @@ class Interface(ABC):
         self.observe_all = options.observe == "full"
         self.observe_velocities = options.observe_velocities
         self.randomizable = frozenset(applicable)
-        self.randomization = options.randomized(applicable, where)
+        self.randomization = options.randomized(applicable, where, self.noise_scale)
 
     def set_simulation(self, control: Drivable, options: Options, usual: Dynamics) -> None:
         """Define how the mechanism moves.

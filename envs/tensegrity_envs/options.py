@@ -68,12 +68,13 @@ class Options:
         if self.dynamics is not None and not self.is_dynamic:
             raise ValueError("dynamics: needs backend = 'mujoco'")
 
-    def randomized(self, applicable: Collection[str], where: str) -> Randomization:
+    def randomized(self, applicable: Collection[str], where: str, noise_scale: float = 1.0) -> Randomization:
         """What differs from episode to episode.
 
         Args:
             applicable: names of what may.
             where: the environment, for messages.
+            noise_scale: what the tip noise of the levels is multiplied by.
 
         Raises:
             ValueError: a name is unknown or does not apply, or a range is wrong.
@@ -84,7 +85,7 @@ class Options:
         levels = checked_levels(self.level)
         parts = []
         for level in levels:
-            ranges = ranges_of(level, seen, where)
+            ranges = ranges_of(level, seen, where, noise_scale)
             own = {name: ranges[name] for name in ranges if name not in given.names}
             parts.append(dataclasses.replace(given, **own))
         return parts[0] if len(levels) == 1 else DrawnLevel.of(levels, parts)

@@ -206,6 +206,7 @@ _UNCERTAIN = (
     "TwoXPayloadReach",
     "DualTriangleLoadedReach",
     "DualTriangleLoadedReachMuJoCo",
+    "SpatialPrismPayloadTrack",
 )
 
 

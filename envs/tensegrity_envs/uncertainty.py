@@ -13,7 +13,9 @@ told. Success is measured on the true tip. What the ranges stand for:
   half. Only where the actuators lag.
 - actuation delay: of whole control steps. Camera, bus, computer and motor each take some milliseconds: with a step of
   20 ms up to two steps are usual in one that is not made for speed.
-- tip noise: standard deviation of a position from a camera or a motion capture system, 0.5 to 2 mm.
+- tip noise: standard deviation of a position from a camera or a motion capture system, 0.5 to 2 mm for arms of up to
+  a metre. A mechanism that is larger is seen from farther away, and each pixel is larger in proportion: an environment
+  may have these times a `noise_scale`, the planar 4-bar with its bars of 10 m twenty times.
 - angle noise: standard deviation of an angle; the step of an encoder of 12 bits is 1.5 mrad.
 
 Each quantity is uniform in its range. An unknown payload or force has the range that the environment has without.
@@ -99,18 +101,21 @@ def checked_levels(level: object) -> tuple[int, ...]:
     return levels
 
 
-def ranges_of(level: int, applicable: Collection[str], where: str) -> dict[str, Any]:
+def ranges_of(level: int, applicable: Collection[str], where: str, noise_scale: float = 1.0) -> dict[str, Any]:
     """The ranges of a level, of those quantities that an environment has.
 
     Args:
         level: from `checked_level`.
         applicable: their names.
         where: the environment, for the message.
+        noise_scale: what its tip noise is multiplied by.
 
     Raises:
         ValueError: it has none of them, and the level is not 0.
     """
-    ranges = {name: value for name, value in LEVELS[level].items() if name in applicable}
+    ranges: dict[str, Any] = {name: value for name, value in LEVELS[level].items() if name in applicable}
+    if "tip_noise" in ranges:
+        ranges["tip_noise"] *= noise_scale
     if level and not ranges:
         raise ValueError(f"level = {level}: nothing is uncertain in {where}")
     return ranges

@@ -6,11 +6,12 @@ import pytest
 
 from baseline_runs import of_group, run_of, success_of
 from tensegrity_agents.controllers import baselines_of, make_controller
-from tensegrity_agents.controllers.spatial_prism.identification import identify
+from tensegrity_agents.controllers.spatial_prism.identification import identify, resting
 from tensegrity_agents.controllers.spatial_prism.measurements import decoded
 from tensegrity_envs.mechanics import SpatialPrism, SpatialPrismDesign
 
 TRACK, PAYLOAD = (f"tensegrity/SpatialPrism{name}-v0" for name in ("Track", "PayloadTrack"))
+UNCERTAIN = "tensegrity/SpatialPrismPayloadTrackUncertain-v0"
 
 
 @pytest.mark.parametrize("env_id", [TRACK, PAYLOAD])
@@ -60,3 +61,68 @@ def test_random_actions_do_not_succeed():
 def test_the_oracle_needs_the_truth():
     with pytest.raises(ValueError, match="privileged"):
         make_controller("oracle", PAYLOAD).begin_episodes(np.ones(1, bool), SpatialPrismDesign(0.2, 0.5, 100.0))
+
+
+def played(name, steps, count=4):
+    """Measured tips and lengths of each step, the memory after it, and the environments."""
+    envs = gym.make_vec(UNCERTAIN, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
+    controller = make_controller(name, UNCERTAIN)
+    observation, _ = envs.reset(seed=5)
+    memory, seen = None, []
+    for step in range(steps):
+        action, memory = controller.predict(observation, memory, np.full(count, step == 0))
+        measured = controller.decode(observation)
+        seen.append((measured.tip, measured.lengths, memory))
+        observation = envs.step(action)[0]
+    return seen, controller, envs.unwrapped
+
+
+def test_goals_of_the_steps_ahead_become_known():
+    seen, _, envs = played("servo", 12)
+    for step in (0, 11):
+        told = seen[step][2].goals
+        for ahead in range(11) if step else (0, 1, 2, 5, 10):
+            true = np.stack(envs.episode.goal_at(float(step + ahead)), axis=1)
+            np.testing.assert_allclose(told[:, ahead], true, atol=1e-6)
+
+
+@of_group(PAYLOAD)
+def test_the_weight_is_the_posterior_of_a_search_over_all_weights_and_onsets():
+    """Densities on a grid, multiplied step by step, with the exact equilibria of the general solver."""
+    seen, controller, _ = played("identifying_observer", 60)
+    weights = np.linspace(-4.0, 10.0, 141)  # a Gaussian has no ends
+    mean, variance = np.mean(controller.range), np.ptp(controller.range) ** 2 / 12
+    prior = np.exp(-((weights - mean) ** 2) / (2 * variance))
+    prior /= prior.sum()
+    prism, noise = SpatialPrism(), controller.noise
+    for i in range(4):
+        off = np.empty((60, 141))
+        for step, (tip, lengths, _) in enumerate(seen):
+            columns = tuple(np.repeat(lengths[i][:, None], 141, axis=1))
+            rest = prism.loaded_equilibrium(columns, (0 * weights, 0 * weights, -weights)).configuration[:3]
+            off[step] = ((tip[i] - np.stack(rest, axis=1)) ** 2).sum(axis=1) / (2 * noise**2)
+        none = np.argmin(np.abs(weights))
+        total = expected = 0.0
+        for onset in range(20, 180):
+            fits = np.exp(off[:, none].sum() - off[:onset, none].sum() - off[onset:].sum(axis=0))
+            total += (prior * fits).sum()
+            expected += (prior * fits * weights).sum() if onset < 60 else 0.0
+        assert controller.weight(seen[-1][2])[i] == pytest.approx(max(expected / total, 0.0), abs=0.15)
+
+
+def test_it_rests_where_the_general_solver_says():
+    rng, n = np.random.default_rng(0), 200
+    position = np.array([rng.uniform(-0.3, 0.3, n), rng.uniform(-0.3, 0.3, n), rng.uniform(0.3, 0.7, n)])
+    prism, weight = SpatialPrism(), rng.uniform(0, 5.0, n)
+    lengths = np.stack(prism.unloaded_lengths(tuple(position)), axis=1)
+    expected = prism.loaded_equilibrium(tuple(lengths.T), (0 * weight, 0 * weight, -weight)).configuration[:3]
+    np.testing.assert_allclose(resting(prism, lengths, weight), np.stack(expected, axis=1), atol=1e-9)
+
+
+@of_group(PAYLOAD)
+@pytest.mark.parametrize("name", ["servo", "identifying_observer"])
+@pytest.mark.parametrize("level", [0, 2, 3])
+def test_who_looks_ahead_by_the_delay_follows(name, level):
+    assert success_of(UNCERTAIN, name, level=level) >= 0.95
+    if level:
+        assert success_of(UNCERTAIN, "observer", level=level) < 0.1

@@ -198,3 +198,23 @@ def test_options_are_checked_and_other_designs_work():
 def test_impossible_demands_are_an_error_that_says_what_to_change():
     with pytest.raises(RuntimeError, match="raise cycle"):
         gym.make(TRACK, cycle=10, trajectory="eq31").reset(seed=0)
+
+
+def test_another_stiffness_moves_the_platform_as_another_payload_and_nothing_else():
+    """Drawn prisms rest as prisms built so, and every curve is within reach of the prism that was drawn."""
+    envs = make_vec(PAYLOAD, 200, randomization={"stiffness": (0.5, 2.0)}, payload_range=(2.0, 4.0))
+    _, info = envs.reset(seed=0)
+    episode, factor = envs.unwrapped.episode, info["random_stiffness"]
+    np.testing.assert_array_equal(episode.design.k, 100.0 * factor)
+    assert np.ptp(factor) > 1.0
+    weight = -episode.load[2]
+    for step in (0, 50, 130):
+        place = tuple(episode.goal_at(np.full(200, float(step))))
+        built = [SpatialPrism(SpatialPrismDesign(0.2, 0.5, k)) for k in episode.design.k[:20]]
+        for i, prism in enumerate(built):
+            here, load = tuple(c[i] for c in place), (0.0, 0.0, -weight[i])
+            found = prism.loaded_inverse_kinematics(here, load)
+            assert found.is_stable and min(found.lengths) >= 0.5 and max(found.lengths) <= 1.2
+            assert min(found.forces) > 0 and min(found.tensions) > 0
+            other = PRISM.loaded_inverse_kinematics(here, (0.0, 0.0, -weight[i] / factor[i]))
+            np.testing.assert_allclose(other.lengths, found.lengths, atol=1e-9)

@@ -5,6 +5,7 @@ from typing import Any
 from tensegrity_envs.core import Core
 from tensegrity_envs.randomization import DrawnLevel
 from tensegrity_envs.uncertainty import LEVELS
+from tensegrity_envs.uncertainty import ranges_of as level_ranges
 
 
 def check_made_for(mine: Core, theirs: Core, is_told_ranges: bool) -> None:
@@ -40,7 +41,7 @@ def ranges_of(core: Core) -> str:
     drawn, payload = core.randomization, getattr(core, "payload_range", None)
     given = {name: getattr(drawn, name) for name in drawn.names}
     applicable = core.randomizable if core.observe_all else core.randomizable - {"angle_noise"}
-    levels = [{name: ranges[name] for name in ranges if name in applicable} for ranges in LEVELS]
+    levels = [level_ranges(k, applicable, "", core.noise_scale) if applicable else {} for k in range(len(LEVELS))]
     if isinstance(drawn, DrawnLevel):
         text = f"levels {list(drawn.levels)}, {given}"
     else:

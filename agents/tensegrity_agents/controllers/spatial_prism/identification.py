@@ -52,3 +52,20 @@ def identify(prism: SpatialPrism, tip: np.ndarray, lengths: np.ndarray) -> np.nd
     columns = [tuple(np.ascontiguousarray(v.T)) for v in (tip, lengths)]
     weight, _ = evaluate(_explain, prism.design, *columns)
     return np.asarray(weight)
+
+
+def _resting(design: SpatialPrismDesign, lengths: Components, weight: Component) -> Components:
+    """Position of the centroid [m] under a weight [N], struts locked, by Newton's method from rest. Traceable."""
+    prism = SpatialPrism(design)
+    w: Components = (0.0, 0.0, 0.0)
+    for _ in range(_ITERATIONS):
+        gradient, rows = prism.statics(w, lengths, (0.0, 0.0, -weight))
+        inverse, _ = inverse_of_columns(*rows)  # the Hessian is symmetric
+        w = subtract(w, times(inverse, gradient))
+    return prism.locked_pose(w, lengths).position
+
+
+def resting(prism: SpatialPrism, lengths: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Positions (n, 3) [m] of centroids under weights (n,) [N], the struts' lengths (n, 3) [m] being locked."""
+    columns = tuple(np.ascontiguousarray(lengths.T))
+    return np.stack(evaluate(_resting, prism.design, columns, weight), axis=1)

@@ -87,9 +87,7 @@ class Observer(TrackController):
 
     def lengths(self, observed: DecodedObservation, step: np.ndarray) -> np.ndarray:
         """See `TrackController.lengths`."""
-        goal = tuple(np.ascontiguousarray(observed.next_goal.T))
-        lengths = evaluate(_held, self.nominal.design, goal, self._weight(observed, step))
-        return np.stack(lengths, axis=1)
+        return held(self.nominal, observed.next_goal, self._weight(observed, step))
 
 
 class Oracle(Observer):
@@ -102,6 +100,12 @@ class Oracle(Observer):
         load = self.truth.load_at(step + 1.0)
         weight: np.ndarray = np.asarray(-load[2] if load else np.zeros(step.shape), float)
         return weight
+
+
+def held(prism: SpatialPrism, position: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Lengths of the struts (n, 3) [m] that hold positions (n, 3) [m] under weights (n,) [N]."""
+    goal = tuple(np.ascontiguousarray(position.T))
+    return np.stack(evaluate(_held, prism.design, goal, weight), axis=1)
 
 
 def _held(design: SpatialPrismDesign, position: Components, weight: Component) -> Components:

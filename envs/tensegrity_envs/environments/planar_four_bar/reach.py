@@ -70,6 +70,7 @@ class PlanarFourBarReach(Core):
     design: PlanarFourBarDesign
     input_name = "actuator_lengths"
     hidden_info_keys = ("load",)
+    noise_scale = 20.0
     info_meanings: ClassVar[dict[str, tuple[str, str]]] = {
         "load": ("N", "force on F"),
         "thrusts": ("N", "thrusts of the actuators"),
@@ -83,8 +84,7 @@ class PlanarFourBarReach(Core):
         options = Options.of(type(self), shared)
         if load_range is not None and options.is_dynamic:
             raise ValueError(f"load_range = {load_range!r}: there are no dynamics under a load yet; give None")
-        applicable = {"actuation_delay", "tip_noise", "angle_noise"}
-        applicable |= {"stiffness"} if load_range is None else set()  # loaded targets depend on it
+        applicable = {"stiffness", "actuation_delay", "tip_noise", "angle_noise"}
         applicable |= options.varied_dynamics | ({"mass"} if options.is_dynamic else set())
         self.take_options(options, applicable, f"a {options.backend} planar 4-bar mechanism")
         self.nominal = PlanarFourBar(self.design)
@@ -117,7 +117,7 @@ class PlanarFourBarReach(Core):
     def solved(self, seed: np.ndarray, episode: np.ndarray) -> tuple[Sampled, Components]:
         """The episodes of the given pairs, and actuator lengths that solve each of them [m]."""
         random = self.randomization.sample(seed, episode)
-        start = self.sampler.sample(seed, episode)
+        start = self.sampler.sample(seed, episode, random.get("stiffness"))
         goal = tuple(to_single(component) for component in start.target)
         solutions = self._solutions(goal, start.side)
         random |= {"side": start.side}

@@ -57,18 +57,26 @@ class Sampler:
         # What inverse solutions of targets have, which are told in single precision.
         self.safe_margin = 0.9 * (_LOADED_MARGIN if any(self.load_range) else _MARGIN)
 
-    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Start:
-        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
+    def sample(self, seed: np.ndarray, episode: np.ndarray, stiffness: np.ndarray | None = None) -> Start:
+        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,).
+
+        Args:
+            seed: of the environment.
+            episode: its number.
+            stiffness: factors of the springs' stiffness, shape (n,); None where it is nominal. Configurations and
+                margins depend on the load divided by K alone, all else being geometry.
+        """
         n = len(seed)
         stream = EpisodeStream(seed, episode)
         size = float(self.mechanism.largest_force) * stream.uniform(*self.load_range)
         direction = stream.uniform(-np.pi, np.pi)
         load = np.stack([size * np.cos(direction), size * np.sin(direction)])
+        seen = load if stiffness is None else load / stiffness
         side = np.where(stream.uniform() < 0.5, -1.0, 1.0)
         draws = 2 + 2 * _LEGS if any(self.load_range) else 4
 
         def attempt(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
-            q, lengths, target, end, good = self._try(here, side[owner], tuple(load[:, owner]))
+            q, lengths, target, end, good = self._try(here, side[owner], tuple(seen[:, owner]))
             return np.stack([*q, *lengths, *target, *end]), good
 
         complaint = f"no start found for {self.mechanism.design} in {{}} draws: lower load_range"

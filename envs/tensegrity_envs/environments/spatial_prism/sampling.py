@@ -17,6 +17,7 @@ from tensegrity_envs.simulation.protocol import waves_at
 
 HARMONICS = 2
 GRAVITY = 9.81  # [m/s^2]
+ONSETS = (0.1, 0.9)  # of the first cycle: when a payload comes
 _SHARE = 0.97  # of the stroke
 _SPEED = 0.8  # of the rate: at most, of the curve; without a load no strut is faster than the platform
 _HEIGHT = 2.0  # times the lowest one
@@ -85,16 +86,24 @@ class Sampler:
             waves += [2 * np.cos(2 * np.pi * k * t), 2 * np.sin(2 * np.pi * k * t)]
         return points @ np.stack(waves, axis=1) / 64
 
-    def sample(self, seed: np.ndarray, episode: np.ndarray) -> Start:
-        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,)."""
+    def sample(self, seed: np.ndarray, episode: np.ndarray, stiffness: np.ndarray | None = None) -> Start:
+        """Draw the episodes of the given (seed, episode) pairs, both of shape (n,).
+
+        Args:
+            seed: of the environment.
+            episode: its number.
+            stiffness: factors of the springs' stiffness, shape (n,); None where it is nominal. Poses depend on loads
+                divided by stiffnesses alone, all else being geometry.
+        """
         n = len(seed)
         stream = EpisodeStream(seed, episode)
         payload = stream.uniform(*self.payload_range)
-        onset = np.floor(self.cycle * stream.uniform(0.1, 0.9))
+        onset = np.floor(self.cycle * stream.uniform(*ONSETS))
+        seen = payload if stiffness is None else payload / stiffness
 
         def attempt(owner: np.ndarray, here: EpisodeStream) -> tuple[np.ndarray, np.ndarray]:
             found = self._candidates(here, len(owner))
-            return found.reshape(-1, len(owner)), self._can_be_followed(found, payload[owner])
+            return found.reshape(-1, len(owner)), self._can_be_followed(found, seen[owner])
 
         complaint = (
             f"no curve found that {self.prism.design} can follow in {{}} draws: lower payload_range, or raise cycle"

@@ -81,8 +81,7 @@ class SpatialPrismTrack(Core):
         **shared: Any,
     ) -> None:
         options = Options.of(type(self), shared)
-        applicable = {"actuation_delay", "tip_noise"}
-        applicable |= {"stiffness"} if payload_range is None else set()  # loaded starts depend on it
+        applicable = {"stiffness", "actuation_delay", "tip_noise"}
         applicable |= options.varied_dynamics | ({"mass"} if options.is_dynamic else set())
         self.take_options(options, applicable, f"a {options.backend} spatial prism")
         self.nominal = SpatialPrism(self.design)
@@ -107,7 +106,7 @@ class SpatialPrismTrack(Core):
     def sample(self, seed: np.ndarray, episode: np.ndarray) -> Sampled:
         """See `Core.sample`."""
         random = self.randomization.sample(seed, episode)
-        sampled = self.sampler.sample(seed, episode)
+        sampled = self.sampler.sample(seed, episode, random.get("stiffness"))
         load: Components = ()
         if self.hidden_info_keys:
             none = 0.0 * sampled.payload
