@@ -207,6 +207,7 @@ _UNCERTAIN = (
     "DualTriangleLoadedReach",
     "DualTriangleLoadedReachMuJoCo",
     "SpatialPrismPayloadTrack",
+    "PlanarFourBarLoadedReach",
 )
 
 

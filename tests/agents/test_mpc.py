@@ -22,7 +22,11 @@ def test_it_reaches_with_noise_and_delay(env_id):
         *(("mpc", env_id) for env_id in IDS),
         *((name, "tensegrity/DualTriangleFastReachMuJoCo-v0") for name in ("lqg", "identifying_observer")),
         ("lqg", "tensegrity/DualTriangleLoadedReachUncertainMuJoCo-v0"),
-        *((name, "tensegrity/SpatialPrismPayloadTrackUncertain-v0") for name in ("servo", "identifying_observer")),
+        *(
+            (name, f"tensegrity/{kind}Uncertain-v0")
+            for kind in ("SpatialPrismPayloadTrack", "PlanarFourBarLoadedReach")
+            for name in ("servo", "identifying_observer")
+        ),
     ],
 )
 def test_hidden_parameters_do_not_reach_the_controller(name, env_id):

@@ -12,11 +12,12 @@ from tensegrity_envs.mechanics import PlanarFourBar
 from tensegrity_envs.seeding import VALIDATION_SEED
 
 REACH, LOADED = "tensegrity/PlanarFourBarReach-v0", "tensegrity/PlanarFourBarLoadedReach-v0"
+UNCERTAIN = "tensegrity/PlanarFourBarLoadedReachUncertain-v0"
 ARM = PlanarFourBar()
 
 
-def make_vec(env_id, count):
-    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
+def make_vec(env_id, count, **options):
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **options)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +60,7 @@ def test_the_observer_knows_the_force_after_two_steps():
         action, state = observer.predict(observation, state, start)
         observation, _, terminated, truncated, _ = envs.step(action)
         start = terminated | truncated
-    error = np.hypot(*(observer._load(envs.unwrapped.core.schema.decode(observation), state) - load).T)
+    error = np.hypot(*(observer.load(envs.unwrapped.core.schema.decode(observation), state) - load).T)
     assert np.median(error) < 0.02
     assert error[~start].max() < 5.0
 
@@ -102,3 +103,51 @@ def test_ends_are_the_inverse_solutions():
 def test_an_oracle_without_the_truth_says_so():
     with pytest.raises(ValueError, match="privileged"):
         make_controller("oracle", LOADED).begin_episodes(np.ones(1, bool), ARM.design, None)
+
+
+@pytest.mark.parametrize(("level", "least"), [(0, 0.98), (2, 0.95), (3, 0.95)])
+def test_uncertain_mechanisms_reach(level, least):
+    assert success_of(UNCERTAIN, "identifying_observer", level=level) >= least
+    assert 0.6 <= success_of(UNCERTAIN, "servo", level=level) < 0.9  # it snaps, or comes to a fold, without the force
+    if level:
+        assert success_of(UNCERTAIN, "observer", level=level) < 0.6
+
+
+def run_for(name, steps, count=200):
+    """The environments after so many steps of a controller, which of them are still in their first episode, its memory
+    and the info of the last step.
+    """
+    envs, controller = make_vec(UNCERTAIN, count), make_controller(name, UNCERTAIN)
+    observation, info = envs.reset(seed=VALIDATION_SEED)
+    privileged = envs.unwrapped.episode if controller.wants_privileged else None
+    controller.begin_episodes(np.ones(count, bool), envs.unwrapped.design, privileged)
+    memory, runs = None, np.ones(count, bool)
+    for step in range(steps):
+        action, memory = controller.predict(observation, memory, np.full(count, step == 0))
+        observation, _, terminated, _, info = envs.step(action)
+        runs &= ~terminated
+    return envs, controller, observation, memory, runs, info
+
+
+def test_the_force_is_identified_as_well_as_the_filter_says():
+    """Of force and stiffness the ratio; the squared error in standard deviations has the mean 2 in two axes."""
+    _, controller, observation, memory, runs, info = run_for("identifying_observer", 40)
+    true = info["load"] / info["random_stiffness"][:, None]
+    error = (controller.planner.load(controller.decode(observation), memory.plan) - true)[runs]
+    squared = np.einsum("ni,nij,nj->n", error, memory.plan.information[runs], error)
+    assert 0.5 < np.median(squared) < 2.5  # of a chi-squared number with two degrees of freedom: 1.39
+    assert np.median(np.hypot(*error.T)) < 0.01 * 0.2 * ARM.largest_force
+
+
+def test_where_the_command_leads_is_where_the_mechanism_comes_to_rest():
+    """Behind whatever delay, and not only at the end: the command is held after 6 steps."""
+    envs, controller, observation, memory, runs, info = run_for("informed", 6)
+    observed = controller.decode(observation)
+    load = controller.planner.load(observed, memory.plan)
+    told = controller._under_command(observed, memory.inputs, load).tip
+    for _ in range(4):
+        _, _, terminated, _, info = envs.step(np.zeros((200, 2)))
+        runs &= ~terminated
+    moving = np.abs(observed.actuator_lengths - memory.inputs).max(axis=1) > 0.1
+    assert (runs & moving).sum() > 50
+    np.testing.assert_allclose(info["true_goal"][runs], told[runs], atol=1e-4)

@@ -185,3 +185,22 @@ def test_options_that_cannot_be_used_are_refused():
             gym.make(LOADED, **options)
     with pytest.raises(ValueError, match="batch"):
         gym.make(REACH, design=PlanarFourBarDesign(np.ones(2), 100.0))
+
+
+def test_another_stiffness_is_another_force_and_nothing_else():
+    """Drawn mechanisms begin in equilibrium, and the lengths that solve an episode do so with their own stiffness."""
+    core = make_vec(LOADED, 1, randomization={"stiffness": (0.5, 2.0)}).unwrapped.core
+    seed = np.arange(300)
+    sampled, lengths = core.solved(seed, 0 * seed)
+    factor, episode = sampled.episode.random["stiffness"], sampled.episode
+    assert np.ptp(factor) > 1.0
+    np.testing.assert_array_equal(episode.design.stiffness, factor * JI2014.stiffness)
+    own = PlanarFourBar(episode.design)
+    gradient = own.energy_gradient(sampled.configuration, sampled.inputs, episode.load)
+    assert np.abs(np.array(gradient)).max() < 1e-6 * KL
+    assert (own.stability_margin(sampled.configuration, sampled.inputs, episode.load) > 0).all()
+    for i in range(0, 300, 10):
+        built = PlanarFourBar(PlanarFourBarDesign(JI2014.length, float(episode.design.stiffness[i])))
+        found = built.inverse_kinematics(*(float(c[i]) for c in episode.goal), tuple(float(f[i]) for f in episode.load))
+        there = np.array([lengths[0][i], lengths[1][i]])
+        assert min(np.abs(np.subtract(s.lengths, there)).max() for s in found if s.is_stable) < 1e-3

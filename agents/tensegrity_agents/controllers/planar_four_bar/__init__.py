@@ -5,20 +5,27 @@ from functools import partial
 from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.planar_four_bar.dynamic import DampedFeedback, PlannedPath
 from tensegrity_agents.controllers.planar_four_bar.features import Features
+from tensegrity_agents.controllers.planar_four_bar.informed import Informed
 from tensegrity_agents.controllers.planar_four_bar.loaded_features import LoadedFeatures
 from tensegrity_agents.controllers.planar_four_bar.reach import ClosedFormIK, Observer, Oracle, PseudoInverse
+from tensegrity_agents.controllers.planar_four_bar.servo import IdentifyingObserver, Servo
 from tensegrity_envs.environments import PlanarFourBarReach
 
 __all__ = [
     "BASELINES",
     "DYNAMIC",
     "FEATURES",
+    "INFORMED",
+    "UNCERTAIN",
     "ClosedFormIK",
     "Features",
+    "IdentifyingObserver",
+    "Informed",
     "LoadedFeatures",
     "Observer",
     "Oracle",
     "PseudoInverse",
+    "Servo",
 ]
 
 # By the name of the environment's arm, then by their own, the strongest last: how to make each for a core.
@@ -49,3 +56,13 @@ def _features(core: PlanarFourBarReach) -> Features:
 
 # By the name of the environment's arm: makes, for a core, what has `size` and computes so many features.
 FEATURES = {"PlanarFourBarReach": _features}
+
+# Of some ids, by their names, besides those of the arm.
+UNCERTAIN: Makers = {
+    "PlanarFourBarLoadedReachUncertain": {"servo": Servo, "identifying_observer": IdentifyingObserver},
+}
+
+# The same: told everything that was drawn.
+INFORMED: Makers = {
+    "PlanarFourBarLoadedReachUncertain": {"informed": Informed},
+}

@@ -55,6 +55,7 @@ class ReachController(AnalyticController[Memory]):
     """
 
     nominal: PlanarFourBar
+    first_step = 0.5  # of who does not know the force yet, as a share of the largest
 
     def _take(self, design: PlanarFourBarDesign) -> None:
         super()._take(design)
@@ -83,17 +84,17 @@ class ReachController(AnalyticController[Memory]):
 
     def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         """Actions (n, 2), and what to remember."""
-        return self._along(observed, self._planned(observed, memory, np.flatnonzero(memory.step == 0)))
+        return self.along(observed, self.planned(observed, memory, np.flatnonzero(memory.step == 0)))
 
-    def _load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
+    def load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
         """The force on F that is planned with, shape (n, 2) [N]."""
         return np.zeros_like(observed.tip)
 
-    def _planned(self, observed: DecodedObservation, memory: Memory, index: np.ndarray) -> Memory:
+    def planned(self, observed: DecodedObservation, memory: Memory, index: np.ndarray) -> Memory:
         """The memory with new paths for the environments at `index`."""
         if not len(index):
             return memory
-        part, load = observed.take(index), self._load(observed, memory)[index]
+        part, load = observed.take(index), self.load(observed, memory)[index]
         q = configuration(self.nominal, part)
         tolerance = self.core.task.tolerance / 2
         path, leads = plan(
@@ -112,7 +113,8 @@ class ReachController(AnalyticController[Memory]):
         arrived = np.abs(memory.path[:, -1] - observed.actuator_lengths).max(axis=1) < 1e-4 * self.rate
         return np.asarray(off & arrived & (memory.step < 90))
 
-    def _along(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+    def along(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """Actions (n, 2) along the path from the present lengths on, and what to remember."""
         rows = np.arange(len(memory.leg))
         leg = memory.leg
         for _ in range(LEGS):
@@ -121,6 +123,16 @@ class ReachController(AnalyticController[Memory]):
         change = memory.path[rows, leg] - observed.actuator_lengths
         share = np.maximum(np.abs(change).max(axis=1, keepdims=True) / self.rate, 1.0)
         return change / share / self.rate, memory._replace(leg=leg)
+
+    def safest(self, observed: DecodedObservation, load: np.ndarray) -> np.ndarray:
+        """Of small actions in eight directions the one after which the mechanism has the largest margin, (n, 2)."""
+        n, q = len(load), configuration(self.nominal, observed)
+        turn = np.arange(8) * np.pi / 4
+        actions = self.first_step * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        end = np.clip(observed.actuator_lengths[:, None] + self.rate * actions, *self.bounds).reshape(-1, 1, 2)
+        points = np.concatenate([np.repeat(observed.actuator_lengths, 8, axis=0)[:, None], *[end] * LEGS], axis=1)
+        _, margin = trips(self.nominal, np.repeat(q, 8, axis=0), points, np.repeat(load, 8, axis=0))
+        return np.asarray(actions[margin.reshape(n, 8).argmax(axis=1)])
 
 
 class ClosedFormIK(ReachController):
@@ -158,9 +170,9 @@ class PseudoInverse(ReachController):
             resolved_rate(self.nominal, lengths, here, self.gain * error, self.damping),
         )
         step = step / np.maximum(np.abs(step).max(axis=1, keepdims=True) / self.rate, 1.0)
-        return self._turned_aside(lengths, step) / self.rate, memory
+        return self.turned_aside(lengths, step) / self.rate, memory
 
-    def _turned_aside(self, lengths: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def turned_aside(self, lengths: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The step, turned until the lengths keep off the singularities; or less far in, where they are too close."""
         c, s = np.cos(self.turns), np.sin(self.turns)
         turned = np.stack(
@@ -210,33 +222,23 @@ class Observer(ReachController):
     """
 
     knows = "the nominal design; identifies the force from tip and lengths, checks that the path is stable"
-    first_step = 0.5  # as a share of the largest
 
-    def _load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
+    def load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
+        """See `ReachController.load`."""
         return identified(self.nominal, memory.information, memory.evidence)
 
     def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         known = with_posture(memory.information, memory.evidence, *force_across(self.nominal, observed))
         memory = memory._replace(information=known[0], evidence=known[1])
-        changed = np.hypot(*(self._load(observed, memory) - memory.load).T)
+        changed = np.hypot(*(self.load(observed, memory) - memory.load).T)
         noticeable = NOTICEABLE * float(self.nominal.largest_force)
         again = ~(changed < noticeable) | self._stranded(observed, memory)  # NaN: never planned
         first = memory.step == 0
-        action, memory = self._along(observed, self._planned(observed, memory, np.flatnonzero(again & ~first)))
+        action, memory = self.along(observed, self.planned(observed, memory, np.flatnonzero(again & ~first)))
         beginning = np.flatnonzero(first)
         if len(beginning):
-            action[beginning] = self._safest(observed.take(beginning), self._load(observed, memory)[beginning])
+            action[beginning] = self.safest(observed.take(beginning), self.load(observed, memory)[beginning])
         return action, memory
-
-    def _safest(self, observed: DecodedObservation, load: np.ndarray) -> np.ndarray:
-        """Of small actions in eight directions the one after which the mechanism has the largest margin, (n, 2)."""
-        n, q = len(load), configuration(self.nominal, observed)
-        turn = np.arange(8) * np.pi / 4
-        actions = self.first_step * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        end = np.clip(observed.actuator_lengths[:, None] + self.rate * actions, *self.bounds).reshape(-1, 1, 2)
-        points = np.concatenate([np.repeat(observed.actuator_lengths, 8, axis=0)[:, None], *[end] * LEGS], axis=1)
-        _, margin = trips(self.nominal, np.repeat(q, 8, axis=0), points, np.repeat(load, 8, axis=0))
-        return np.asarray(actions[margin.reshape(n, 8).argmax(axis=1)])
 
 
 class Oracle(ReachController):
@@ -247,7 +249,8 @@ class Oracle(ReachController):
 
     def _move(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         again = (memory.step == 0) | self._stranded(observed, memory)
-        return self._along(observed, self._planned(observed, memory, np.flatnonzero(again)))
+        return self.along(observed, self.planned(observed, memory, np.flatnonzero(again)))
 
-    def _load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
+    def load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
+        """See `ReachController.load`."""
         return self.true_load(np.arange(len(observed.tip)))
