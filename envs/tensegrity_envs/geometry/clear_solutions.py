@@ -19,9 +19,10 @@ from tensegrity_envs.geometry.own_bars import own_pairs
 from tensegrity_envs.mechanics.checks import check_numbers
 from tensegrity_envs.mechanics.design import check_one_design
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle
-from tensegrity_envs.mechanics.dual_triangle.local_optima import GROUP, SAME, grouped, slide
+from tensegrity_envs.mechanics.dual_triangle.local_optima import GROUP, slide
 from tensegrity_envs.mechanics.dual_triangle.local_optima import starts as triangle_starts
 from tensegrity_envs.mechanics.n_x import NX
+from tensegrity_envs.mechanics.n_x.optimality import SAME, grouped
 from tensegrity_envs.mechanics.n_x.postures import postures_at
 from tensegrity_envs.mechanics.n_x.redundancy import Measure, measure_of, walk
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar

@@ -1,13 +1,11 @@
 """Local optima among the configurations of an arm of any number of segments with the tip at a target. Derived here.
 
 Two segments have two solutions. Three move along curves while the tip rests, on which points walk downhill
-(`n_x.redundancy.walk`). More move on surfaces of n - 2 dimensions: many starts slide downhill along random directions
-that leave the tip where it is (J d = 0), all at once; one of each group of those that met, or nearly so (of the 12 best
-groups, 5 of the margin), is the start of a sequential quadratic programme, in which the kinks of the objective are
-constraints. Maxima of the margin tend to lie where the two smallest eigenvalues of the stiffness matrix meet, a kink
-that is no smooth constraint and beside which programmes end; simplices (Nelder and Mead) in the n - 2 free directions
-go on from there, again and again until nothing is gained. That these are all local optima is no theorem: tests compare
-with searches from 200 starts.
+(`n_x.redundancy.walk`). More move on surfaces of n - 2 dimensions, with edges and corners where joints are at limits,
+and kinks. Programmes (`n_x.pieces`) start at all corners, at random places of the faces of every dimension
+(`faces`), and where the best of many slides ended: slides go downhill along random directions that leave the tip where
+it is (J d = 0). What is no local optimum is left out, but for the best that was found. That these are all local optima
+is no theorem: tests compare with searches from 200 starts.
 """
 
 from collections.abc import Sequence
@@ -16,18 +14,20 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component
+from tensegrity_envs.mechanics.dual_triangle.faces import corners, equal_corners, faces
 from tensegrity_envs.mechanics.dual_triangle.inverse import wrap
-from tensegrity_envs.mechanics.n_x.redundancy import Measure, measure_of, programme, project, shortest_step, walk
+from tensegrity_envs.mechanics.dual_triangle.margins import eigenvectors, margin_pieces
+from tensegrity_envs.mechanics.n_x.optimality import SAME, grouped, polished
+from tensegrity_envs.mechanics.n_x.pieces import Problem, displacements
+from tensegrity_envs.mechanics.n_x.redundancy import Measure, measure_of, project, shortest_step, walk
 
 STARTS = 64
 _SLIDES = 120
 _FIRST_STEP, _LAST_STEP = 0.2, 1e-4  # [rad] of a slide
 GROUP = 0.05  # [rad]: slides that end as near together are taken for one
 _MOST_GROUPS = {"sum": 12, "max": 12, "squares": 12, "margin": 5}  # of a target: the best ones
-SAME = 1e-4  # [rad]: optima that are no further apart are one
-_SIMPLEX = 0.01  # [rad]: its first edges
-_MOST_SIMPLICES, _ENOUGH = 8, 1e-9  # of margins: who gains less has arrived
-_WORST = 1e3  # more than any negative margin
+# Places of the faces of a target that are drawn before two joints are solved for.
+_DRAWN = {"sum": 600, "max": 1000, "squares": 400, "margin": 600}
 
 
 def postures(arm: Any, first: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -74,58 +74,44 @@ def slide(
     return q, value
 
 
-def ascended(
-    arm: Any, q: np.ndarray, target: tuple[float, float], measure: Measure, limit: float
-) -> tuple[np.ndarray, float]:
-    """Where simplices in the free directions lead to from a configuration (n,), and the value there.
+def problem_of(
+    arm: Any,
+    target: tuple[float, float],
+    start: np.ndarray,
+    objective: str,
+    load: Sequence[Component],
+    limit: float,
+) -> Problem:
+    """The programme of a target and a start (n,), see `optima`."""
+    free = measure_of(arm, objective, start[:, None], load)
 
-    Args:
-        arm: of four segments or more.
-        q: with the tip at the target.
-        target: (x, y) [m].
-        measure: of the margin, which depends on no start.
-        limit: of the joint angles [rad].
-    """
-    from scipy.optimize import minimize  # slow to import, and only needed here
+    def measure(q: np.ndarray) -> np.ndarray:
+        return free(q, np.zeros(q.shape[1], int))
 
-    place, owner = (np.array([target[0]]), np.array([target[1]])), np.zeros(1, int)
-
-    def moved(z: np.ndarray, free: np.ndarray, rounds: int) -> tuple[np.ndarray, float]:
-        found, there = project(arm, (here + free @ z)[:, None], *place, limit, rounds)
-        reached = float(measure(found, owner)[0]) if there[0] else _WORST
-        return found[:, 0], reached if np.isfinite(reached) else _WORST
-
-    def loss(z: np.ndarray, free: np.ndarray) -> float:
-        return moved(z, free, 6)[1]
-
-    here, value = q, float(measure(q[:, None], owner)[0])
-    for _ in range(_MOST_SIMPLICES):
-        free = np.linalg.svd(np.array(arm.jacobian(tuple(here.tolist()))))[2][2:].T
-        simplex = _SIMPLEX * np.vstack([np.zeros(free.shape[1]), np.eye(free.shape[1])])
-        options: Any = {"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-12, "maxiter": 400}
-        found = minimize(loss, simplex[0], args=(free,), method="Nelder-Mead", options=options)
-        better, reached = moved(found.x, free, 8)
-        if not reached < value:
-            break
-        gain, here, value = value - reached, better, reached
-        if gain < _ENOUGH:
-            break
-    return here, value
+    if objective == "margin":
+        pieces, frame = margin_pieces(arm, load), lambda q: eigenvectors(arm, q, load)
+        return Problem(arm, target, limit, measure, pieces, None, frame=frame)
+    return Problem(arm, target, limit, measure, *displacements(objective, start))
 
 
-def grouped(owner: np.ndarray, q: np.ndarray, value: np.ndarray, apart: float, most: int | None = None) -> np.ndarray:
-    """Indices of the best configuration of each group, of each target in ascending order of value."""
-    order = np.lexsort((value, owner))
-    kept: list[int] = []
-    for target in np.unique(owner):
-        found: list[int] = []
-        for i in order[owner[order] == target]:
-            if all(np.abs(q[:, i] - q[:, j]).max() > apart for j in found):
-                found.append(int(i))
-            if most is not None and len(found) == most:
-                break
-        kept += found
-    return np.array(kept, int)
+def _verified(
+    arm: Any,
+    target: tuple[float, float],
+    start: np.ndarray,
+    objective: str,
+    load: Sequence[Component],
+    limit: float,
+    slid: np.ndarray,
+) -> np.ndarray:
+    """Local optima (n, k) that programmes lead to from what slid (n, any), and from faces and corners."""
+    kinks = [(at,) if objective == "sum" and abs(at) < limit else () for at in start.tolist()]
+    values = [(-limit, limit, *at) for at in kinks]
+    centre = {"max": start, "margin": np.zeros(len(start))}.get(objective)
+    drawn = faces(arm, values, target, limit, _DRAWN[objective], centre)
+    places = [slid, corners(arm, values, target, limit), drawn]
+    if centre is not None:
+        places.append(equal_corners(arm, centre, target, limit))
+    return polished(problem_of(arm, target, start, objective, load, limit), np.hstack(places))
 
 
 def optima(
@@ -158,18 +144,15 @@ def optima(
     elif len(owner):
         q, value = slide(arm, q, owner, x, y, measure, limit)
         best = grouped(owner, q, value, GROUP, _MOST_GROUPS[objective])
-        owner, q, value = owner[best], q[:, best], value[best]
         ends = [
-            programme(arm, column, (float(x[i]), float(y[i])), start[:, i], objective, load, limit)
-            for i, column in zip(owner, q.T, strict=True)
+            _verified(
+                arm, (float(x[i]), float(y[i])), start[:, i], objective, load, limit, q[:, best[owner[best] == i]]
+            )
+            for i in np.unique(owner)
         ]
-        found, there = project(arm, np.array(ends).T, x[owner], y[owner], limit, 8)
-        after = measure(found, owner)
-        keep = there & (after <= value)
-        q, value = np.where(keep, found, q), np.where(keep, after, value)
-        if objective == "margin":
-            for k, i in enumerate(owner):
-                q[:, k], value[k] = ascended(arm, q[:, k], (float(x[i]), float(y[i])), measure, limit)
+        owner = np.repeat(np.unique(owner), [end.shape[1] for end in ends])
+        q = np.hstack(ends)
+        value = measure(q, owner)
     else:
         value = np.zeros(0)
     kept = grouped(owner, q, value, SAME)

@@ -203,7 +203,9 @@ class DualTriangle(DualTriangleLoading):
             load: (fx, fy) [N], for "margin".
 
         Returns:
-            The optima within the joint limits, none where the target is out of reach; of two segments all solutions.
+            The optima within the joint limits, none where the target is out of reach; of two segments all solutions. Of
+            four and more each is a local optimum by the test of `n_x.optimality`; the first one is what is best of all
+            that was looked at, and need not pass it.
 
         Raises:
             ValueError: a number is not finite, the objective is unknown, the arm has one segment, or it is a batch of
