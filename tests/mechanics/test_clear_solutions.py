@@ -1,10 +1,12 @@
 """Inverse solutions clear of obstacles, against Shapely on dense samples of all solutions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
 from n_x_checks import best_by_slides
-from scipy.optimize import brentq
+from scipy.optimize import brentq, nnls
 from test_clearance import by_shapely, random_polygon
 from test_dual_triangle_local_optima import UNEQUAL, completed, tapered
 
@@ -149,6 +151,68 @@ def test_three_x_joints_against_slides(objective, own_bars):
         assert arm.tip(solutions[0].configuration) == pytest.approx((x, y), abs=1e-9)
         assert gaps_by_shapely(arm, np.array(solutions[0].configuration)[:, None], obstacles, pairs)[0] > 0
     assert found
+
+
+def stationary_residual(arm, q, start, obstacles, least, limit):
+    """Of Karush, Kuhn and Tucker's conditions of the "squares" at q (n,), by Shapely; and how many bars touch.
+
+    The gradient is J^T times any forces, plus what limits and clearances push with.
+    """
+    bars, step, size, n = bars_of(arm, tuple(q)).values(), 1e-6, float(arm.reach), len(q)
+    pushes = [-np.sign(q[i]) * np.eye(n)[i] for i in range(n) if abs(q[i]) > limit - 1e-6]
+    walls = 0
+    for k in range(len(bars)):
+        for obstacle in obstacles:
+
+            def gap(place, k=k, obstacle=obstacle):
+                return by_shapely(obstacle, list(bars_of(arm, tuple(place)).values())[k])
+
+            if gap(q) - least < 1e-6 * size:
+                slope = [(gap(q + step * e) - gap(q - step * e)) / (2 * step) for e in np.eye(n)]
+                pushes.append(np.array(slope) / size)
+                walls += 1
+    rows = np.array(arm.jacobian(tuple(q))) / size
+    table = np.vstack([rows, -rows, *pushes]).T
+    return nnls(table, 2 * (q - start))[1], walls
+
+
+@pytest.mark.parametrize(
+    ("arm", "spread"),
+    [
+        (DualTriangle(ZHAO2021_CAPTION, 4), 1.2),
+        (DualTriangle(UNEQUAL, 5), 1.0),
+        (NX(replace(NXDesign.from_two_x(MURALIDHARAN2022, 4), joint_limit=2.6)), 1.2),
+    ],
+    ids=["four segments", "five segments", "four x"],
+)
+def test_of_four_joints_and_more_each_is_a_local_optimum(arm, spread):
+    rng, reach, n, blocked, found = np.random.default_rng(11), float(arm.reach), arm.degrees_of_freedom, 0, 0
+    limit = float(arm.design.joint_limit)
+    for _ in range(2):
+        q = rng.uniform(-spread, spread, n)
+        x, y = (float(v) for v in arm.tip(tuple(q)))
+        middle = np.mean([np.array(end, float) for bar in bars_of(arm, tuple(0.8 * q)).values() for end in bar], axis=0)
+        obstacles, start, least = [Disc(tuple(middle), 0.03 * reach)], 0.8 * q, 0.005 * reach
+        solutions = clear_solutions(arm, x, y, obstacles, "squares", tuple(start), least)
+        configurations = np.array([one.configuration for one in solutions])
+        for i, one in enumerate(configurations):
+            residual, walls = stationary_residual(arm, one, start, obstacles, least, limit)
+            assert residual < 1e-5
+            assert all(np.abs(one - other).max() > 1e-4 for other in configurations[:i])
+            assert gaps_by_shapely(arm, one[:, None], obstacles)[0] > least
+            assert solutions[i].objective == pytest.approx(((one - start) ** 2).sum(), abs=1e-12)
+            rows = np.array(arm.jacobian(tuple(one)))
+            mix = rng.normal(size=(300, n)) * rng.choice([0, 1], (300, n))
+            new = one + 5e-4 * (mix - mix @ np.linalg.pinv(rows) @ rows)
+            for _ in range(3):
+                off = np.array(arm.tip(tuple(new.T))).T - (x, y)
+                new = new - off @ np.linalg.pinv(rows).T
+            fine = (np.abs(new) <= limit).all(axis=1) & (gaps_by_shapely(arm, new.T, obstacles) > least)
+            fine &= np.abs(off).max(axis=1) < 1e-9 * reach
+            assert (((new[fine] - start) ** 2).sum(axis=1) > solutions[i].objective - 1e-8).all()
+            blocked, found = blocked + walls, found + 1
+    assert found >= 2
+    assert blocked
 
 
 def four_bar_energy(pivots, angles, design, load):

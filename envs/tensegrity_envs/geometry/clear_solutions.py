@@ -3,26 +3,31 @@
 Of arms whose solutions are finitely many, all are found and those that touch something left out. Of redundant ones
 points of the self-motion move downhill, as for the redundancy without obstacles (`mechanics.n_x.redundancy`,
 `mechanics.dual_triangle.local_optima`); what is not clear counts as worse than everything, so that they stop where an
-obstacle begins, as they do at joint limits. Each connected component of the clear part of a self-motion that a start
-is in has its optimum in the list; components narrower than the starts are dense can be missed. Solutions of the planar
-4-bar are stable equilibria, and actuator lengths are part of them: its angles alone do not say where its bars are.
+obstacle begins, as they do at joint limits. Of four joints or more programmes (`mechanics.n_x.pieces`) with the parts
+of the clearance as constraints go on from there, and what is no local optimum is left out. Components of the clear part
+of a self-motion that are narrower than the starts are dense can be missed. Solutions of the planar 4-bar are stable
+equilibria, and actuator lengths are part of them: its angles alone do not say where its bars are.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.geometry.clearance import Obstacle, check_obstacles, check_one_each, clearance
+from tensegrity_envs.geometry.clearance_parts import clearance_parts
 from tensegrity_envs.geometry.own_bars import own_pairs
 from tensegrity_envs.mechanics.checks import check_numbers
 from tensegrity_envs.mechanics.design import check_one_design
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle
 from tensegrity_envs.mechanics.dual_triangle.local_optima import GROUP, slide
 from tensegrity_envs.mechanics.dual_triangle.local_optima import starts as triangle_starts
+from tensegrity_envs.mechanics.dual_triangle.margins import eigenvectors, margin_pieces
 from tensegrity_envs.mechanics.n_x import NX
-from tensegrity_envs.mechanics.n_x.optimality import SAME, grouped
+from tensegrity_envs.mechanics.n_x.optimality import SAME, grouped, polished
+from tensegrity_envs.mechanics.n_x.pieces import Problem, displacements
 from tensegrity_envs.mechanics.n_x.postures import postures_at
 from tensegrity_envs.mechanics.n_x.redundancy import Measure, measure_of, walk
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
@@ -33,6 +38,8 @@ CLEARED = (TwoX, NX, DualTriangle, PlanarFourBar)
 _OBJECTIVES = ("clearance", "sum", "max", "squares", "margin")
 _LARGER_IS_BETTER = ("clearance", "margin")
 _STARTS = 200
+_SOLVED = 24  # of four joints or more: the best slides, and as many starts, from which programmes start
+_ROOM = 1e-9  # of the reach, by which programmes keep clear of `least`
 
 
 class ClearSolution(NamedTuple):
@@ -65,8 +72,12 @@ def clear_solutions(
     """Configurations within the joint limits with the tip at (x, y) [m] and no bar in an obstacle, the best first.
 
     Of two joints all of them, and of the planar 4-bar all stable equilibria under the load; of three joints the local
-    optima of the objective along the self-motion curves; of more, where 200 starts slide to: the best is one, others
-    may have stopped beside a kink or at the edge of an obstacle.
+    optima of the objective along the self-motion curves; of more, local optima among all that are clear by more than
+    `least`: to first order (Karush, Kuhn and Tucker, with the joint limits and the clearance as constraints), and
+    none of a few hundred configurations up to 2e-3 rad away is better, see `mechanics.n_x.optimality`. Of the "margin"
+    of an n-X, whose kinks are not all told apart, the latter alone. The first is the best of all that was looked at,
+    and is given even if it does not pass. That these are all is not promised. Where bars that do not move are nearest,
+    all that is as clear is an optimum of the "clearance", and some are given.
 
     Args:
         mechanism: a `TwoX`, an `NX` or a `DualTriangle` of two joints or more, or a `PlanarFourBar`; of one design.
@@ -118,14 +129,19 @@ def clear_solutions(
         return []
     if joints > 2:
         limit = min(float(mechanism.design.joint_limit), np.pi - 1e-9)
-        q = q[:, np.isfinite(measure(q, owner))]
-        move = walk if joints == 3 else slide
-        q, _ = move(mechanism, q, np.zeros(q.shape[1], int), *place, measure, limit)
+        begun = q[:, np.isfinite(measure(q, owner))]
+        none = np.zeros(begun.shape[1], int)
+        q, reached = (walk if joints == 3 else slide)(mechanism, begun, none, *place, measure, limit)
+        if joints > 3 and (gap(q) > least).any():
+            best = grouped(none, q, reached, GROUP, _SOLVED)
+            problem = _problem(mechanism, (float(x), float(y)), limit, measure, objective, from_start, load)
+            q = polished(
+                _clear(problem, objective, obstacles, pairs, least), np.hstack([q[:, best], begun[:, :_SOLVED]])
+            )
     gaps, value = gap(q), measure(q, np.zeros(q.shape[1], int))
     index = np.flatnonzero((gaps > least) & np.isfinite(value))
     if joints > 2:
-        apart = SAME if joints == 3 else GROUP
-        index = index[grouped(np.zeros(len(index), int), q[:, index], value[index], apart)]
+        index = index[grouped(np.zeros(len(index), int), q[:, index], value[index], SAME)]
     else:
         index = index[np.argsort(value[index], kind="stable")]
     sign = -1.0 if objective in _LARGER_IS_BETTER else 1.0
@@ -203,3 +219,43 @@ def _measure(
         return np.where(gap(q) > least, free(q, owner), np.inf)
 
     return measure
+
+
+def _problem(
+    mechanism: Any,
+    target: tuple[float, float],
+    limit: float,
+    measure: Measure,
+    objective: str,
+    start: np.ndarray,
+    load: Sequence[Component],
+) -> Problem:
+    """The programme of an objective, whatever is in the way."""
+
+    def value(q: np.ndarray) -> np.ndarray:
+        return measure(q, np.zeros(q.shape[1], int))
+
+    def both(q: np.ndarray, frame: np.ndarray) -> np.ndarray:
+        with np.errstate(all="ignore"):
+            return -np.stack(mechanism.posture(tuple(q), load)[1:])
+
+    if objective == "margin" and isinstance(mechanism, DualTriangle):
+        pieces, frame = margin_pieces(mechanism, load), lambda q: eigenvectors(mechanism, q, load)
+        return Problem(mechanism, target, limit, value, pieces, None, frame=frame)
+    if objective == "margin":
+        return Problem(mechanism, target, limit, value, both, None, is_smooth=False)
+    return Problem(mechanism, target, limit, value, *displacements(objective, start[:, 0]))
+
+
+def _clear(
+    problem: Problem, objective: str, obstacles: Sequence[Obstacle], own: Sequence[tuple[str, str]], least: float
+) -> Problem:
+    """The same with the clearance as barriers, or as the objective."""
+    size = float(problem.arm.reach)
+
+    def parts(q: np.ndarray) -> np.ndarray:
+        return clearance_parts(problem.arm, q, obstacles, own) / size
+
+    if objective == "clearance":
+        return replace(problem, pieces=lambda q, frame: -parts(q), group=None)
+    return replace(problem, barriers=lambda q: parts(q) - (least / size + _ROOM))

@@ -107,7 +107,7 @@ def is_optimum(problem: Problem, q: np.ndarray) -> bool:
     rates = _Rates(problem, q, active_at(problem, q))
     price = np.append(np.zeros(rates.joints), np.ones(rates.groups))
     steepest = rates.least(price)
-    if steepest is None or price @ steepest < -_RATE:
+    if problem.is_smooth and (steepest is None or price @ steepest < -_RATE):
         return False
     rng, value = np.random.default_rng(0), float(problem.measure(q[:, None])[0])
     free = np.linalg.svd(rates.tip)[2][2:]

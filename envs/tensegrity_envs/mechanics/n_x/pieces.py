@@ -37,6 +37,7 @@ class Problem:
         group: of each piece, shape (p,); None where they are all of one.
         barriers: what must not be negative, over the reach, or None.
         frame: what the pieces take as unit vectors at a configuration (n,), shape (n, w).
+        is_smooth: whether the pieces have no kinks of their own, so that their derivatives decide what is an optimum.
     """
 
     arm: Any
@@ -47,6 +48,7 @@ class Problem:
     group: np.ndarray | None
     barriers: Callable[[np.ndarray], np.ndarray] | None = None
     frame: Callable[[np.ndarray], np.ndarray] = lambda q: np.eye(len(q))
+    is_smooth: bool = True
 
     def groups(self, values: np.ndarray) -> np.ndarray:
         """The group of each piece, from 0 on, of a table of their values."""
