@@ -83,6 +83,11 @@ class TeacherSettings(_Strict):
     )
     horizon: int = Field(60, ge=1, description="steps that the teacher plans ahead")
     replan_after: int = Field(25, ge=1, description="steps after which the teacher plans anew")
+    plan_every: int = Field(
+        1,
+        ge=1,
+        description="steps from one planning to the next: those who wait are planned for together, which is faster",
+    )
 
 
 class PrivilegedSettings(_Strict):

@@ -102,6 +102,29 @@ def test_what_the_teacher_shows_leads_to_the_target(env_id, teacher, options, ki
     assert success[knew].mean() >= 0.98
 
 
+def test_those_who_wait_for_a_plan_are_shown_nothing_until_all_are_planned_for():
+    env_id, every = "tensegrity/PlanarFourBarReach-v0", 4
+    envs = make_vec(env_id, 40)
+    envs.reset(seed=VALIDATION_SEED)
+    at_once, together = (Teacher("oracle", env_id, {}, envs.unwrapped, 60, 25, turn) for turn in (1, every))
+    begins, planned = np.ones(40, bool), []
+    own = together._planned
+    together._planned = lambda *of: planned.append(step) or own(*of)  # type: ignore[method-assign]
+    for step in range(12):
+        # None has failed yet: episodes that begin again are made up.
+        again = (np.arange(40) % 12 == step) & (step > 0)
+        first, second = at_once.actions(begins | again), together.actions(begins | again)
+        if step % every == 0:
+            assert second[again | begins] == pytest.approx(first[again | begins])
+            np.testing.assert_array_equal(together.knows_a_way, at_once.knows_a_way)
+        else:
+            assert not together.knows_a_way[again].any()
+            assert not second[again].any()
+        envs.step(first)
+        begins = np.zeros(40, bool)
+    assert set(planned) <= {0, 4, 8}
+
+
 def small(**changes):
     teacher = {"timesteps": 2048, "n_steps": 8, "gradient_steps": 8, "batch_size": 128} | changes.pop("teacher", {})
     settings = {

@@ -50,6 +50,8 @@ class Teacher:
         shell: the vector environment (`tensegrity_envs.vector_env.ManipulatorVectorEnv`).
         horizon: steps of a plan.
         replan_after: steps after which it plans anew, if the target is not reached.
+        plan_every: steps from one planning to the next. Until its turn comes, an environment whose episode has begun
+            is shown nothing.
 
     Attributes:
         path: values of what the actions change, (n, horizon, action size); see `driven`.
@@ -59,6 +61,8 @@ class Teacher:
         knows_a_way: whether the path leads to the target, (n,).
         margin: of stability, where each environment is, (n,).
         past: the latest actions, which may still be pending, (delay, n, action size).
+        waits: whether an episode has begun that no path is planned for yet, (n,).
+        step: how many there were.
     """
 
     def __init__(
@@ -69,8 +73,9 @@ class Teacher:
         shell: ManipulatorVectorEnv,
         horizon: int,
         replan_after: int,
+        plan_every: int = 1,
     ) -> None:
-        self.shell, self.horizon, self.replan_after = shell, horizon, replan_after
+        self.shell, self.horizon, self.replan_after, self.plan_every = shell, horizon, replan_after, plan_every
         self.true = shell.core
         drawn = {n: getattr(self.true.randomization, n) for n in self.true.randomization.names if n not in _HIDDEN}
         own = {**options, "randomization": drawn, "level": 0}
@@ -91,10 +96,11 @@ class Teacher:
         self.place, self.age, self.off = np.zeros(n, int), np.zeros(n, int), np.zeros(n)
         self.knows_a_way, self.margin = np.zeros(n, bool), np.zeros(n)
         self.past = np.zeros((self.true.randomization.longest_delay, n, size))
+        self.waits, self.step = np.zeros(n, bool), np.zeros((), int)
 
     def state(self) -> dict[str, np.ndarray]:
         """All that determines what follows, beside the environments."""
-        names = ("path", "place", "age", "off", "knows_a_way", "past")
+        names = ("path", "place", "age", "off", "knows_a_way", "past", "waits", "step")
         return {name: getattr(self, name).copy() for name in names}
 
     def go_on(self, state: dict[str, np.ndarray]) -> None:
@@ -112,11 +118,19 @@ class Teacher:
         self.past[:, begins] = 0.0
         rows = self.true.outcomes.rows
         self.margin = outcomes[rows.state.stability_margin].copy()
-        lost = (self.age >= self.replan_after) | ((self.off > _OFF) & (self.age >= _SETTLED))
-        anew = np.flatnonzero(begins | (lost & (outcomes[rows.info["is_success"]] == 0)))
-        if len(anew):
-            self.path[anew], self.knows_a_way[anew] = self._planned(episodes[:, anew], outcomes[:, anew])
-            self.place[anew] = self.age[anew] = 0
+        if begins.any():
+            self.path[begins] = driven(self.true, outcomes)[begins, None]
+            self.waits, self.knows_a_way = self.waits | begins, self.knows_a_way & ~begins
+            self.place[begins] = self.age[begins] = 0
+            self.off[begins] = 0.0
+        if self.step % self.plan_every == 0:
+            lost = (self.age >= self.replan_after) | ((self.off > _OFF) & (self.age >= _SETTLED))
+            anew = np.flatnonzero(self.waits | (lost & (outcomes[rows.info["is_success"]] == 0)))
+            if len(anew):
+                self.path[anew], self.knows_a_way[anew] = self._planned(episodes[:, anew], outcomes[:, anew])
+                self.place[anew] = self.age[anew] = 0
+            self.waits[:] = False
+        self.step = self.step + 1
         self.age += 1
         return self._rejoined(self._coming(episodes, outcomes))
 
@@ -272,7 +286,15 @@ class Lessons:
         options = experiment.training_options
         self.teacher = Teachers(
             [
-                Teacher(settings.controller, experiment.env, options, part, settings.horizon, settings.replan_after)
+                Teacher(
+                    settings.controller,
+                    experiment.env,
+                    options,
+                    part,
+                    settings.horizon,
+                    settings.replan_after,
+                    settings.plan_every,
+                )
                 for part in (shell.parts if isinstance(shell, Shells) else [shell])
             ]
         )
