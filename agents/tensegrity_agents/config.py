@@ -88,6 +88,9 @@ class TeacherSettings(_Strict):
         ge=1,
         description="steps from one planning to the next: those who wait are planned for together, which is faster",
     )
+    careful_below: float = Field(
+        0.0, ge=0, description="stability margin below which the teacher's steps get shorter, down to a quarter"
+    )
 
 
 class PrivilegedSettings(_Strict):

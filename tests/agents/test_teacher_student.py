@@ -11,7 +11,7 @@ from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.errors import TrainingError
 from tensegrity_agents.sb3.history import History
 from tensegrity_agents.sb3.policy_file import load_policy
-from tensegrity_agents.sb3.teacher_student import Lessons, Teacher
+from tensegrity_agents.sb3.teacher_student import Lessons, Teacher, driven
 from tensegrity_agents.sb3.training import train
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 from tensegrity_envs.seeding import VALIDATION_SEED
@@ -100,6 +100,30 @@ def test_what_the_teacher_shows_leads_to_the_target(env_id, teacher, options, ki
         running &= ~begins
     assert knew.mean() >= 0.98
     assert success[knew].mean() >= 0.98
+
+
+def test_steps_are_whole_but_near_the_edge_of_the_stable_set():
+    """As long as there is a way to go; else how long a step is would depend on where the points of the path are."""
+    env_id, careful = TENSION, 5.0
+    envs = make_vec(env_id, 60)
+    envs.reset(seed=VALIDATION_SEED)
+    bold, cautious = (
+        Teacher("careful_oracle", env_id, {}, envs.unwrapped, 60, 25, 1, below) for below in (0.0, careful)
+    )
+    begins = np.ones(60, bool)
+    for _ in range(5):
+        whole, short = bold.actions(begins), cautious.actions(begins)
+        left = (
+            np.abs(bold.path[:, -1] - driven(envs.unwrapped.core, envs.unwrapped.matrices[1])).max(axis=1) / bold.rate
+        )
+        under_way = bold.knows_a_way & (left > 2.0) & (bold.off < 0.99)
+        assert under_way.sum() >= 40
+        assert np.abs(whole).max(axis=1)[under_way].min() == pytest.approx(1.0)
+        shares = np.clip(bold.margin / careful, 0.25, 1.0)
+        np.testing.assert_allclose(short, whole * shares[:, None], atol=1e-12)
+        begins = np.zeros(60, bool)
+        _, _, terminated, truncated, _ = envs.step(whole)
+        assert not (terminated | truncated).any()
 
 
 def test_those_who_wait_for_a_plan_are_shown_nothing_until_all_are_planned_for():

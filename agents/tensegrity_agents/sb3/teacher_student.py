@@ -36,6 +36,7 @@ _OFF = 1.5  # steps: farther from its path than that, the teacher plans anew
 _SETTLED = 5  # steps before which it does not
 _STILL = 1e-3  # steps: what moves less has come to rest
 _HIDDEN = ("actuation_delay", "tip_noise", "angle_noise")  # what the teacher's model of an episode is without
+_CREEP = 0.25  # of a step, at least, near the edge of the stable set
 _EDGE = 0.25  # stability margin below which steps weigh more
 _SLOWEST = 0.02  # of the learning rate, at the end
 
@@ -52,6 +53,7 @@ class Teacher:
         replan_after: steps after which it plans anew, if the target is not reached.
         plan_every: steps from one planning to the next. Until its turn comes, an environment whose episode has begun
             is shown nothing.
+        careful_below: stability margin below which its steps get shorter, down to a quarter; 0 for whole steps always.
 
     Attributes:
         path: values of what the actions change, (n, horizon, action size); see `driven`.
@@ -74,8 +76,10 @@ class Teacher:
         horizon: int,
         replan_after: int,
         plan_every: int = 1,
+        careful_below: float = 0.0,
     ) -> None:
         self.shell, self.horizon, self.replan_after, self.plan_every = shell, horizon, replan_after, plan_every
+        self.careful_below = careful_below
         self.true = shell.core
         drawn = {n: getattr(self.true.randomization, n) for n in self.true.randomization.names if n not in _HIDDEN}
         own = {**options, "randomization": drawn, "level": 0}
@@ -194,8 +198,21 @@ class Teacher:
         fits = away <= 1.0 + 1e-6
         best = np.where(fits.any(axis=1), _AHEAD - 1 - fits[:, ::-1].argmax(axis=1), away.argmin(axis=1))
         self.place, self.off = near[rows, best], away[rows, best]
-        gap = (self.path[rows, self.place] - here) / self.rate
+        aim = self.path[rows, self.place]
+        onward = self.path[rows, np.minimum(self.place + 1, self.horizon - 1)] - aim
+        # A whole step: between two points of the path, too. Else the length of a step would be that of the way to the
+        # last point within reach, which nothing that a student sees can tell it.
+        share = np.where(fits.any(axis=1), _share_within(aim - here, onward, self.rate), 0.0)
+        gap = (aim + share[:, None] * onward - here) / self.rate
+        gap *= np.clip(self.margin / self.careful_below, _CREEP, 1.0)[:, None] if self.careful_below else 1.0
         return np.asarray(gap / np.maximum(np.abs(gap).max(axis=1, keepdims=True), 1.0))
+
+
+def _share_within(start: np.ndarray, way: np.ndarray, reach: float) -> np.ndarray:
+    """How much of a way, at most all, can be gone before a component exceeds `reach`; start and way (n, size)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.where(way == 0, 1.0, (np.sign(way) * reach - start) / way)
+    return np.asarray(np.clip(shares.min(axis=1), 0.0, 1.0))
 
 
 class Teachers:
@@ -294,6 +311,7 @@ class Lessons:
                     settings.horizon,
                     settings.replan_after,
                     settings.plan_every,
+                    settings.careful_below,
                 )
                 for part in (shell.parts if isinstance(shell, Shells) else [shell])
             ]
