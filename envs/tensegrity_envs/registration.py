@@ -200,30 +200,39 @@ _NOMINAL = (
         {"control": "tension"},
     ),
 )
-# Those of which there is an uncertain twin, at level 2.
-_UNCERTAIN = (
-    "TwoXTensionReach",
-    "TwoXPayloadReach",
-    "DualTriangleLoadedReach",
-    "DualTriangleLoadedReachMuJoCo",
-    "SpatialPrismPayloadTrack",
-    "PlanarFourBarLoadedReach",
-)
+# Those of which there is an uncertain twin, at level 2, and what that has besides: the 2-X the hinges and cables of the
+# fast task, so that friction and bandwidth are uncertain, too.
+_UNCERTAIN: dict[str, dict[str, Any]] = {
+    "TwoXTensionReach": {},
+    "TwoXPayloadReach": {},
+    "TwoXTensionReachMuJoCo": {"dynamics": {"joint_friction": 0.002, "actuator_bandwidth": 8.0}},
+    "DualTriangleLoadedReach": {},
+    "DualTriangleLoadedReachMuJoCo": {},
+    "SpatialPrismPayloadTrack": {},
+    "PlanarFourBarLoadedReach": {},
+}
 
 
 def _uncertain(entry: Entry) -> Entry:
     """The same environment, where each episode has an arm of its own, noise and delay."""
-    name = entry.id.removeprefix("tensegrity/").removesuffix("-v0")
+    name = _short(entry)
     base, dynamic, _ = name.partition("MuJoCo")
+    more = _UNCERTAIN[name]
     unknown = "unknown stiffness, mass and damping" if dynamic else "unknown stiffness"
+    if more:
+        unknown = "friction and lagging cables; " + unknown.replace(" and damping", ", damping, friction and lag")
     return entry._replace(
         id=f"tensegrity/{base}Uncertain{dynamic}-v0",
         summary=f"{entry.summary}; {unknown}, noise and delay (level 2 of 3)",
-        options=entry.options | {"level": 2},
+        options=entry.options | more | {"level": 2},
     )
 
 
-ENTRIES = (*_NOMINAL, *(_uncertain(e) for e in _NOMINAL if e.id[len("tensegrity/") : -len("-v0")] in _UNCERTAIN))
+def _short(entry: Entry) -> str:
+    return entry.id.removeprefix("tensegrity/").removesuffix("-v0")
+
+
+ENTRIES = (*_NOMINAL, *(_uncertain(entry) for entry in _NOMINAL if _short(entry) in _UNCERTAIN))
 _SHELLS = {
     "quasi_static": "tensegrity_envs.env:ManipulatorEnv",
     "mujoco": "tensegrity_envs.mujoco_env:MujocoManipulatorEnv",

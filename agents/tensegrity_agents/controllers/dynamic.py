@@ -102,15 +102,17 @@ class Damped(Adapted[Memory]):
             inputs: planned.
             q: where the arm is, or is believed to be, shape (n, joints) [rad].
         """
+        return self.resisting(observed, inputs, q, self.damping_torque(observed, q))
+
+    def damping_torque(self, observed: DecodedObservation, q: np.ndarray) -> np.ndarray:
+        """What damping takes off the joints, shape (n, joints) [N m]; see the class."""
         if "joint_angles" in observed:
-            torque = self.damping * observed.joint_rates @ self.mass
-        else:
-            jacobian = jacobian_at(self.core.nominal, tuple(q.T))
-            mobility = np.einsum("nij,jk,nlk->nil", jacobian, np.linalg.inv(self.mass), jacobian)
-            # Where the arm is stretched the tip cannot move in one direction, and nothing is to be damped there.
-            tip_mass = np.linalg.inv(mobility + 0.02 * np.trace(mobility, axis1=1, axis2=2)[:, None, None] * np.eye(2))
-            torque = self.damping * np.einsum("nij,nik,nk->nj", jacobian, tip_mass, observed.tip_velocity)
-        return self.resisting(observed, inputs, q, torque)
+            return np.asarray(self.damping * observed.joint_rates @ self.mass)
+        jacobian = jacobian_at(self.core.nominal, tuple(q.T))
+        mobility = np.einsum("nij,jk,nlk->nil", jacobian, np.linalg.inv(self.mass), jacobian)
+        # Where the arm is stretched the tip cannot move in one direction, and nothing is to be damped there.
+        tip_mass = np.linalg.inv(mobility + 0.02 * np.trace(mobility, axis1=1, axis2=2)[:, None, None] * np.eye(2))
+        return np.asarray(self.damping * np.einsum("nij,nik,nk->nj", jacobian, tip_mass, observed.tip_velocity))
 
     def resisting(
         self, observed: DecodedObservation, inputs: np.ndarray, q: np.ndarray, torque: np.ndarray

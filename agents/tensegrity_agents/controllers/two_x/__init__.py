@@ -5,6 +5,7 @@ from functools import partial
 from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.dynamic_servo import OwnRamp
+from tensegrity_agents.controllers.integral_ramp import IntegralRamp
 from tensegrity_agents.controllers.lqg import LQG
 from tensegrity_agents.controllers.mpc import MPC
 from tensegrity_agents.controllers.regulated import Regulated, Shaped
@@ -12,6 +13,7 @@ from tensegrity_agents.controllers.two_x import posture
 from tensegrity_agents.controllers.two_x.beliefs import TwoXBeliefs
 from tensegrity_agents.controllers.two_x.informed import Informed
 from tensegrity_agents.controllers.two_x.reach import CarefulOracle, ClosedFormIK, Observer, Oracle, PseudoInverse
+from tensegrity_agents.controllers.two_x.resting import CarefulClosedForm, RestingObserver
 from tensegrity_agents.controllers.two_x.servo import IdentifyingObserver, Servo
 
 __all__ = [
@@ -74,10 +76,16 @@ UNCERTAIN: Makers = {
     name: {"mpc": partial(MPC, beliefs=TwoXBeliefs)}
     for name in ("TwoXTensionReachUncertain", "TwoXPayloadReachUncertain")
 }
+UNCERTAIN["TwoXTensionReachUncertainMuJoCo"] = {
+    "servo": partial(IntegralRamp, base=CarefulClosedForm),
+    "identifying_observer": partial(IntegralRamp, base=partial(RestingObserver, looks=10), look=9),
+    "lqg": partial(LQG, base=ClosedFormIK),
+}
 
 # The same: told everything that was drawn.
 INFORMED: Makers = {
     "TwoXTensionReachUncertain": {"informed": Informed},
     "TwoXPayloadReachUncertain": {"informed": Informed},
+    "TwoXTensionReachUncertainMuJoCo": {"informed": partial(OwnRamp, base=Informed)},
     "TwoXFastReachMuJoCo": {"informed": partial(OwnRamp, base=Informed)},
 }

@@ -129,7 +129,7 @@ class Servo(AnalyticController[ServoMemory]):
             action, inputs = joint_action(plan.commanded, goal), memory.inputs
             commanded = plan.commanded + self.rate * np.clip(action, -1.0, 1.0)
         else:
-            action, commanded = tension_action(self._arm(belief), plan.commanded, goal, memory.inputs)
+            action, commanded = tension_action(self.arm(belief), plan.commanded, goal, memory.inputs)
             low, high = self.nominal.design.min_tension, self.nominal.design.max_tension
             inputs = np.clip(memory.inputs + TensionControl.rate * np.clip(action, -1.0, 1.0), low, high)
         plan = plan._replace(commanded=commanded, integral=correction)
@@ -139,7 +139,7 @@ class Servo(AnalyticController[ServoMemory]):
         """What is believed after a measurement; here always the same."""
         return belief
 
-    def _arm(self, belief: Belief) -> TwoX:
+    def arm(self, belief: Belief) -> TwoX:
         """The arms as they are believed to be."""
         stiffness, mass, payload = belief.mean.T
         return TwoX(_varied(self.nominal.design, stiffness, mass, payload))
@@ -169,8 +169,8 @@ class IdentifyingObserver(Servo):
         variance = np.maximum((ranges[:, 1] - ranges[:, 0]) ** 2 / 12, _KNOWN)
         return Belief(np.tile(ranges.mean(axis=1), (n, 1)), np.tile(np.diag(variance), (n, 1, 1)))
 
-    def updated(self, belief: Belief, q: np.ndarray, observed: DecodedObservation) -> Belief:
-        """What is believed after a measurement in q (n, 2) [rad]."""
+    def updated(self, belief: Belief, q: np.ndarray, observed: DecodedObservation, looks: int = 1) -> Belief:
+        """What is believed after a measurement in q (n, 2) [rad], the mean of so many."""
         if self.control == "joint":
             return belief  # the stiffest tensions follow the joints there, and nothing has to be known of the arm
         columns, tensions, design = tuple(q.T), tuple(observed.tensions.T), self.nominal.design
@@ -183,7 +183,7 @@ class IdentifyingObserver(Servo):
         h = np.stack([gradient(*unit) - without for unit in np.eye(3)], axis=2)
         rows = self.nominal.stiffness_matrix(columns, tensions)
         k = np.stack([np.stack([np.broadcast_to(v, len(q)) for v in row], axis=1) for row in rows], axis=1)
-        noise = k @ self._angle_covariance(columns, "joint_angles" in observed) @ k.transpose(0, 2, 1)
+        noise = k @ self._angle_covariance(columns, "joint_angles" in observed) @ k.transpose(0, 2, 1) / looks
         across = belief.covariance @ h.transpose(0, 2, 1)
         innovation = np.linalg.inv(h @ across + noise)
         off = (-without - (h @ belief.mean[..., None])[..., 0])[..., None]
