@@ -227,6 +227,41 @@ ARMS = {
 }
 
 
+@every_id
+def test_a_target_in_an_obstacle_is_refused_and_nothing_changes(env_id):
+    env = gym.make(env_id)
+    observation, _ = env.reset(seed=3)
+    core = env.unwrapped.core
+    sampled = core.sample(np.array([3]), np.array([0]))
+    disc = sampled.episode.obstacles[1]
+    x, y, radius = (float(value[0]) for value in (*disc.centre, disc.radius))
+    inside = (x + 0.9 * radius, y)
+    with pytest.raises(ValueError, match=r"target.* inside obstacle 1, a disc of radius .* its own target") as caught:
+        env.reset(options={"target": inside, "episode": 0})
+    named = str(caught.value).split("its own target (")[1].split(")")[0]
+    np.testing.assert_allclose([float(part) for part in named.split(",")], observation["desired_goal"][:2], atol=1e-4)
+    other = gym.make(env_id)
+    other.reset(seed=3)
+    for one in (env, other):  # the refused call left the stream where it was
+        again, told = one.reset()
+        if one is env:
+            first, first_told = again, told
+    np.testing.assert_array_equal(first["observation"], again["observation"])
+    assert first_told["clearance"] == told["clearance"]
+    chosen, _ = env.reset(options={"target": tuple(observation["desired_goal"]), "episode": 0})
+    np.testing.assert_allclose(chosen["desired_goal"], observation["desired_goal"], atol=1e-6)
+    vector = gym.make_vec(env_id, 2, vectorization_mode="vector_entry_point")
+    with pytest.raises(ValueError, match="reset options"):
+        vector.reset(options={"target": inside})
+
+
+def test_a_target_in_an_obstacle_of_ones_own_is_refused():
+    env = gym.make("tensegrity/ThreeXObstacleReach-v0", obstacles=[DISC, SQUARE, WALL])
+    for k, place in enumerate(((0.41, 0.31), (-0.45, 0.35), (0.1, -0.21))):
+        with pytest.raises(ValueError, match=f"inside obstacle {k}, .*outside of all 3 obstacles"):
+            env.reset(seed=0, options={"target": place})
+
+
 @pytest.mark.parametrize("name", ARMS)
 def test_own_bars_that_meet_are_a_collision(name):
     """Under random actions the clearance is that of obstacles and own bars, and no state has crossed bars."""

@@ -262,6 +262,28 @@ def test_redundancy_is_the_best_optimum_and_out_of_reach_the_nearest_point(segme
             assert max(map(abs, one.configuration)) <= limit
 
 
+def test_redundancy_tells_whether_its_configuration_can_be_held():
+    """The torque of the control law's free lengths vanishes; they are not negative, and the energy has a minimum."""
+    arm, held = DualTriangle(ZHAO2021_TEXT), []
+    start = np.random.default_rng(8).uniform(-1.0, 1.0, (3, 20)) * float(arm.design.joint_limit)
+    x, y = arm.tip(tuple(start))
+    batch = arm.redundancy(x, y, tuple(start), "sum")
+    for i in range(20):
+        one = arm.redundancy(float(x[i]), float(y[i]), tuple(start[:, i].tolist()), "sum")
+        lengths = arm.free_lengths(arm.control(one.configuration))
+        table = np.array(arm.stiffness_matrix(one.configuration, lengths))
+        assert np.abs(arm.energy_gradient(one.configuration, lengths)).max() < 1e-9
+        expected = bool(np.linalg.eigvalsh(table)[0] > 0 and min(lengths) >= 0)
+        assert one.is_stable_wrench_feasible is expected
+        assert batch.is_stable_wrench_feasible[i] == expected
+        assert (one.stability_margin, one.wrench_margin) == pytest.approx(
+            (batch.stability_margin[i], batch.wrench_margin[i]), abs=1e-12
+        )
+        held.append(expected)
+    assert len(set(held)) == 2
+    assert math.isfinite(DualTriangle(segments=4).redundancy(9.0, 0.0, (0.0,) * 4).wrench_margin)
+
+
 def test_calls_that_make_no_sense():
     with pytest.raises(ValueError, match="two segments or more"):
         DualTriangle(segments=1).local_optima(0.1, 0.0)

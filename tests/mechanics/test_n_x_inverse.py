@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mechanism_cases import random_n_x_design, random_two_x_design
-from n_x_checks import redundancy_targets, worse_than_slides
+from n_x_checks import is_held, redundancy_targets, worse_than_slides
 
 from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, NXDesign, TwoX
 
@@ -60,6 +60,25 @@ def test_a_batch_of_targets_is_what_single_ones_give():
         optima = arm.local_optima(float(x[i]), float(y[i]), "sum", tuple(start[:, i].tolist()))
         assert optima[0].objective == pytest.approx(one.objective, abs=1e-12)
         assert [o.objective for o in optima] == sorted(o.objective for o in optima)
+
+
+def test_redundancy_tells_whether_its_configuration_can_be_held():
+    """By a linear programme of tensions, and by the stiffness matrix at the stiffest ones."""
+    load, x, y = (3.0, -2.0), *np.random.default_rng(4).uniform(-0.6, 0.6, (2, 24))
+    batch = THREE.redundancy(x, y, objective="sum", load=load)
+    told = batch.is_stable_wrench_feasible
+    assert not told[~batch.is_reachable].any()
+    assert np.isnan(batch.wrench_margin[~batch.is_reachable]).all()
+    for i in np.flatnonzero(batch.is_reachable):
+        q = tuple(float(angle[i]) for angle in batch.configuration)
+        held = is_held(THREE, q, load, THREE.design.min_tension)
+        table = np.array(THREE.stiffness_matrix(q, THREE.stiffest_tensions(q, load), load))
+        assert told[i] == (held and np.linalg.eigvalsh(table)[0] > 0)
+    assert set(told[batch.is_reachable]) == {True, False}
+    one = THREE.redundancy(float(x[0]), float(y[0]), objective="sum", load=load)
+    assert isinstance(one.stability_margin, float)
+    assert isinstance(one.wrench_margin, float)
+    assert not THREE.redundancy(5.0, 0.0).is_stable_wrench_feasible
 
 
 def test_targets_out_of_reach_and_wrong_calls():

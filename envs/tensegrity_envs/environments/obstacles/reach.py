@@ -91,15 +91,34 @@ class ObstacleCore(Core):
         return sampled._replace(episode=sampled.episode._replace(obstacles=obstacles))
 
     def placed(self, sampled: Sampled, target: Components | None, configuration: Components | None) -> Sampled:
-        """See `Core.placed`. The start must be clear of the obstacles; whether a path leads to the target is not
+        """See `Core.placed`. Start and target must be clear of the obstacles; whether a path leads to the target is not
         checked.
+
+        Raises:
+            ValueError: the target lies in an obstacle, or the start touches one.
         """
+        if target is not None:
+            self._check_target(sampled, target)
         placed = super().placed(sampled, target, configuration)
         inputs = placed.inputs if self.space.kept else None
         gap = float(clearance(self.nominal, placed.configuration, sampled.episode.obstacles, inputs, self.own)[0])
         if gap <= 0:
             raise ValueError(f"configuration: touches an obstacle (clearance {gap:.4g} m)")
         return placed
+
+    def _check_target(self, sampled: Sampled, target: Components) -> None:
+        x, y = (float(value[0]) for value in target[:2])
+        count, own = (
+            len(sampled.episode.obstacles),
+            tuple(round(float(value[0]), 4) for value in sampled.episode.goal[:2]),
+        )
+        for k, one in enumerate(sampled.episode.obstacles):
+            gap = float(np.ravel(one.clearance(((x, y), (x, y))))[0])
+            if gap <= 0:
+                raise ValueError(
+                    f"target = ({x:.4g}, {y:.4g}): lies {-gap:.4g} m inside obstacle {k}, {_told(one)}; must be "
+                    f"outside of all {count} obstacles of the episode, as its own target {own} is"
+                )
 
     def with_clearance(self, episode: Episode, before: State, after: State) -> State:
         """An arm that touches an obstacle at one of four looks along the straight path of a step has failed
@@ -162,6 +181,14 @@ class ObstacleCore(Core):
         """See `Core.picture`; with the clearance of the last step."""
         scene = super().picture(episode, state, trace, step)
         return replace(scene, caption=f"{scene.caption}   clearance {self.error_text(float(state.clearance))}")
+
+
+def _told(obstacle: Obstacle) -> str:
+    """An obstacle of one episode, in words."""
+    if not isinstance(obstacle, Disc):
+        return repr(obstacle)
+    x, y, radius = (float(np.ravel(value)[0]) for value in (*obstacle.centre, obstacle.radius))
+    return f"a disc of radius {radius:.4g} m about ({x:.4g}, {y:.4g})"
 
 
 class UnloadedObstacleCore(ObstacleCore):

@@ -153,6 +153,8 @@ class DualTriangle(DualTriangleLoading):
 
         Returns:
             Configuration, value of the objective, and for a target that cannot be reached the nearest point that can.
+            Displacements take no notice of the springs: the result's margins, and `is_stable_wrench_feasible`, tell
+            whether the unloaded control law holds the configuration.
 
         Raises:
             ValueError: a number is not finite, the objective is unknown, the arm has one segment, or its triangles'
@@ -172,16 +174,7 @@ class DualTriangle(DualTriangleLoading):
         px, py, bound = (np.broadcast_to(np.asarray(value, float), shape) for value in (x, y, limit))
         origin = np.stack([np.broadcast_to(np.asarray(value, float), shape) for value in start])
         found = resolve(self._plain_links(), px, py, origin, objective, bound)
-        if not single:
-            return found
-        q, value, reachable, nearest, distance = found
-        return Redundancy(
-            tuple(float(qi[0]) for qi in q),
-            float(value[0]),
-            bool(reachable[0]),
-            (float(nearest[0][0]), float(nearest[1][0])),
-            float(distance[0]),
-        )
+        return self._with_margins(found, single)
 
     def local_optima(
         self,
@@ -244,10 +237,23 @@ class DualTriangle(DualTriangleLoading):
             sign = -1.0 if objective == "margin" else 1.0
             best[i] = sign * measure_of(self, objective, begin, _NO_LOAD)(q[:, [i]], np.array([i]))[0]
         distance = np.hypot(near[0] - px, near[1] - py)
+        return self._with_margins(Redundancy(tuple(q), best, reached, (near[0], near[1]), distance), single)
+
+    def _with_margins(self, found: Redundancy, single: bool) -> Redundancy:
+        """The same with the margins of its configurations; of a single target as floats."""
+        with np.errstate(all="ignore"):  # without joint limits, where triangles cannot be
+            _, stability, wrench = self.posture(found.configuration)
         if not single:
-            return Redundancy(tuple(q), best, reached, (near[0], near[1]), distance)
-        place = float(near[0, 0]), float(near[1, 0])
-        return Redundancy(tuple(q[:, 0].tolist()), float(best[0]), bool(reached[0]), place, float(distance[0]))
+            return found._replace(stability_margin=stability, wrench_margin=wrench)
+        return Redundancy(
+            tuple(float(qi[0]) for qi in found.configuration),
+            float(found.objective[0]),
+            bool(found.is_reachable[0]),
+            (float(found.nearest[0][0]), float(found.nearest[1][0])),
+            float(found.distance[0]),
+            float(stability[0]),
+            float(wrench[0]),
+        )
 
 
 def _statics(

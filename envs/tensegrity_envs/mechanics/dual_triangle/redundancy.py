@@ -37,6 +37,9 @@ class Redundancy(NamedTuple):
         is_reachable: whether the target is reached within the joint limits.
         nearest: the target, or the reachable point nearest to it, (x, y) [m].
         distance: of `nearest` from the target [m]; 0 where that is reachable.
+        stability_margin: of the configuration at the unloaded control law's free lengths, see
+            `DualTriangle.stability_margin`.
+        wrench_margin: of these free lengths, see `DualTriangle.wrench_margin`; negative where they cannot be realized.
     """
 
     configuration: Components
@@ -44,6 +47,13 @@ class Redundancy(NamedTuple):
     is_reachable: Component
     nearest: tuple[Component, Component]
     distance: Component
+    stability_margin: Component = math.nan
+    wrench_margin: Component = math.nan
+
+    @property
+    def is_stable_wrench_feasible(self) -> Component:
+        """Whether the unloaded control law holds the configuration, in stable equilibrium."""
+        return (self.stability_margin > 0) & (self.wrench_margin >= 0)
 
 
 class Links(NamedTuple):

@@ -339,7 +339,12 @@ class NX(CableArm):
         Args:
             x, y: targets.
             start: n angles [rad], floats or arrays of shape (m,); zero by default.
-            objective, load: see `local_optima`.
+            objective: see `local_optima`.
+            load: (fx, fy) [N], under which "margin" and the margins of the result are.
+
+        Returns:
+            Configuration, value of the objective, and whether the target is reached. Displacements take no notice of
+            tensions: the result's margins, and `is_stable_wrench_feasible`, tell whether some hold the configuration.
 
         Raises:
             ValueError: see `local_optima`.
@@ -349,9 +354,13 @@ class NX(CableArm):
         (m,) = common_shape("x, y and start", x, y, *(() if start is None else start))
         best, values, there = np.full((len(q), m), np.nan), np.full(m, np.nan), np.zeros(m, bool)
         best[:, first[0]], values[first[0]], there[first[0]] = q[:, first[1]], value[first[1]], True
-        if not any(map(np.ndim, (x, y, *(() if start is None else start)))):
-            return redundancy.Redundancy(tuple(best[:, 0].tolist()), float(values[0]), bool(there[0]))
-        return redundancy.Redundancy(tuple(best), values, there)
+        stability, wrench = np.full((2, m), np.nan)
+        if there.any():
+            _, stability[there], wrench[there] = self.posture(tuple(best[:, there]), tuple(load))
+        if any(map(np.ndim, (x, y, *(() if start is None else start)))):
+            return redundancy.Redundancy(tuple(best), values, there, stability, wrench)
+        q, margins = tuple(best[:, 0].tolist()), (float(stability[0]), float(wrench[0]))
+        return redundancy.Redundancy(q, float(values[0]), bool(there[0]), *margins)
 
     def _optima(
         self, x: Component, y: Component, objective: str, start: Sequence[Component] | None, load: Sequence[float]
