@@ -359,8 +359,8 @@ class NX(CableArm):
             _, stability[there], wrench[there] = self.posture(tuple(best[:, there]), tuple(load))
         if any(map(np.ndim, (x, y, *(() if start is None else start)))):
             return redundancy.Redundancy(tuple(best), values, there, stability, wrench)
-        q, margins = tuple(best[:, 0].tolist()), (float(stability[0]), float(wrench[0]))
-        return redundancy.Redundancy(q, float(values[0]), bool(there[0]), *margins)
+        margins = float(stability[0]), float(wrench[0])
+        return redundancy.Redundancy(tuple(best[:, 0].tolist()), float(values[0]), bool(there[0]), *margins)
 
     def _optima(
         self, x: Component, y: Component, objective: str, start: Sequence[Component] | None, load: Sequence[float]
