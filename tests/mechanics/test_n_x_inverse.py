@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mechanism_cases import random_n_x_design, random_two_x_design
-from n_x_checks import is_held, redundancy_targets, worse_than_slides
+from n_x_checks import is_held, largest_least_tension, redundancy_targets, worse_than_slides
 
 from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, NXDesign, TwoX
 
@@ -60,6 +60,15 @@ def test_a_batch_of_targets_is_what_single_ones_give():
         optima = arm.local_optima(float(x[i]), float(y[i]), "sum", tuple(start[:, i].tolist()))
         assert optima[0].objective == pytest.approx(one.objective, abs=1e-12)
         assert [o.objective for o in optima] == sorted(o.objective for o in optima)
+
+
+def test_margins_with_cables_from_the_base_are_those_of_linear_programmes():
+    arm = NX(replace(NXDesign.from_two_x(MURALIDHARAN2022, 4), routing="from_base", joint_limit=2.6))
+    best = arm.local_optima(0.3, 0.7, "margin")[0]
+    q, design = best.configuration, arm.design
+    wrench = (largest_least_tension(arm, q, (0.0, 0.0)) - design.min_tension) / design.max_tension
+    table = np.array(arm.stiffness_matrix(q, arm.stiffest_tensions(q)))
+    assert best.objective == pytest.approx(min(wrench, np.linalg.eigvalsh(table)[0] / arm.stiffness_scale), abs=1e-9)
 
 
 def test_redundancy_tells_whether_its_configuration_can_be_held():
