@@ -210,6 +210,7 @@ _UNCERTAIN: dict[str, dict[str, Any]] = {
     "DualTriangleLoadedReachMuJoCo": {},
     "SpatialPrismPayloadTrack": {},
     "PlanarFourBarLoadedReach": {},
+    "PlanarFourBarReachMuJoCo": {},
 }
 
 

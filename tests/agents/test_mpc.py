@@ -23,6 +23,7 @@ def test_it_reaches_with_noise_and_delay(env_id):
         *((name, "tensegrity/DualTriangleFastReachMuJoCo-v0") for name in ("lqg", "identifying_observer")),
         ("lqg", "tensegrity/DualTriangleLoadedReachUncertainMuJoCo-v0"),
         *((name, "tensegrity/TwoXTensionReachUncertainMuJoCo-v0") for name in ("servo", "identifying_observer", "lqg")),
+        ("servo", "tensegrity/PlanarFourBarReachUncertainMuJoCo-v0"),
         *(
             (name, f"tensegrity/{kind}Uncertain-v0")
             for kind in ("SpatialPrismPayloadTrack", "PlanarFourBarLoadedReach")

@@ -151,3 +151,12 @@ def test_where_the_command_leads_is_where_the_mechanism_comes_to_rest():
     moving = np.abs(observed.actuator_lengths - memory.inputs).max(axis=1) > 0.1
     assert (runs & moving).sum() > 50
     np.testing.assert_allclose(info["true_goal"][runs], told[runs], atol=1e-4)
+
+
+@pytest.mark.parametrize(("level", "least"), [(0, 0.98), (2, 0.9)])
+def test_in_dynamics_it_comes_to_rest_on_target_by_its_own_command(level, least):
+    pytest.importorskip("mujoco")
+    moving = "tensegrity/PlanarFourBarReachUncertainMuJoCo-v0"
+    assert success_of(moving, "servo", level=level) >= least
+    if level:
+        assert success_of(moving, "closed_form_ramp", level=level) < 0.7  # its damping comes too late

@@ -49,7 +49,8 @@ def test_what_is_drawn_fills_the_ranges_of_the_level(env_id, level):
         assert high >= drawn.max() >= high - 0.05 * (high - low)
     seen = envs.unwrapped.core.randomization
     assert seen.tip_noise == envs.unwrapped.core.noise_scale * LEVELS[level]["tip_noise"]
-    assert (seen.angle_noise > 0) == ("TwoXTension" in env_id)  # only where angles are observed
+    shows_angles = "TwoXTension" in env_id or "FourBarReach" in env_id
+    assert (seen.angle_noise > 0) == shows_angles  # only where angles are observed
     ids = make_vec(env_id, 4)
     assert ids.unwrapped.core.randomization == make_vec(env_id, 4, level=2).unwrapped.core.randomization
 

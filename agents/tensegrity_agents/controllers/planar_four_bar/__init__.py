@@ -4,6 +4,7 @@ from functools import partial
 
 from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.planar_four_bar.dynamic import DampedFeedback, PlannedPath
+from tensegrity_agents.controllers.planar_four_bar.dynamic_servo import OwnPath, Told
 from tensegrity_agents.controllers.planar_four_bar.features import Features
 from tensegrity_agents.controllers.planar_four_bar.informed import Informed
 from tensegrity_agents.controllers.planar_four_bar.loaded_features import LoadedFeatures
@@ -60,9 +61,11 @@ FEATURES = {"PlanarFourBarReach": _features}
 # Of some ids, by their names, besides those of the arm.
 UNCERTAIN: Makers = {
     "PlanarFourBarLoadedReachUncertain": {"servo": Servo, "identifying_observer": IdentifyingObserver},
+    "PlanarFourBarReachUncertainMuJoCo": {"servo": partial(OwnPath, base=ClosedFormIK)},
 }
 
 # The same: told everything that was drawn.
 INFORMED: Makers = {
     "PlanarFourBarLoadedReachUncertain": {"informed": Informed},
+    "PlanarFourBarReachUncertainMuJoCo": {"informed": partial(OwnPath, base=Told)},
 }
