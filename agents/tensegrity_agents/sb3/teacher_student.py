@@ -105,10 +105,10 @@ class Teacher:
     def state(self) -> dict[str, np.ndarray]:
         """All that determines what follows, beside the environments."""
         names = ("path", "place", "age", "off", "knows_a_way", "past", "waits", "step")
-        return {name: getattr(self, name).copy() for name in names}
+        return {name: np.array(getattr(self, name)) for name in names}  # never a scalar: no checkpoint can hold one
 
     def go_on(self, state: dict[str, np.ndarray]) -> None:
-        """Go on where `state` was told."""
+        """Go on where `state` was told; what it is without, since it is older, is as it was made."""
         for name, value in state.items():
             setattr(self, name, value)
 
