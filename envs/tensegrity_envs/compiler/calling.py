@@ -26,14 +26,12 @@ class _MethodDef(ctypes.Structure):
     )
 
 
-_KEPT: list[_MethodDef] = []  # Python keeps their addresses
-
-
 def function(address: int, name: str) -> Any:
     """The built-in function whose machine code `entry` has written."""
     _check_layout()
     method = _MethodDef(name.encode(), address, _FASTCALL, None)
-    _KEPT.append(method)
+    # Python keeps its address, and reads it when it frees the function: at its end even after all modules are empty.
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(method))
     new = ctypes.pythonapi.PyCFunction_NewEx
     new.restype, new.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
     return new(ctypes.addressof(method), True, None)
