@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, Observation, jacobian_at, rows_of
+from tensegrity_agents.controllers.resting import ends_of_plans
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation import Episode
@@ -18,6 +19,7 @@ from tensegrity_envs.simulation import Episode
 Pace = Literal["full", "shaped", "smooth"]
 ADDS = {"full": "at full speed", "shaped": "shaped (ZVD)", "smooth": "smooth ramp"}
 _PLANNED = 100  # steps of the quasi-static controller that are laid out in advance
+_STILL = 1e-6  # of the range of the inputs: a plan that moves less rests
 _PEAK = 15 / 8  # largest speed of the minimum-jerk time course, 1 being the mean
 _COURSE = int(_PEAK * _PLANNED)  # steps of a course
 
@@ -196,10 +198,13 @@ class Planned(Damped[Memory]):
             return laid_out[:, 1:]
         return self._smoothed(laid_out, self.shortest if shortest is None else shortest)
 
+    def _ends(self, plan: np.ndarray) -> np.ndarray:
+        """The steps from which on plans (n, steps, inputs) rest, (n,)."""
+        return ends_of_plans(plan, _STILL * float(self.high - self.low))
+
     def _smoothed(self, path: np.ndarray, shortest: int) -> np.ndarray:
         """The same path in the same shape, at another pace, in at least so many steps."""
-        moving = np.abs(np.diff(path, axis=1)).max(axis=2) > 1e-9 * (self.high - self.low)
-        length = np.where(moving.any(axis=1), path.shape[1] - 1 - moving[:, ::-1].argmax(axis=1), 0)
+        length = ends_of_plans(path, 1e-9 * (self.high - self.low))
         steps = np.maximum(np.ceil(_PEAK * length), shortest)
         s = np.minimum(np.arange(1, _COURSE + 1) / steps[:, None], 1.0)
         place = length[:, None] * (10 * s**3 - 15 * s**4 + 6 * s**5)

@@ -12,11 +12,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.dynamic import Base, Planned
-from tensegrity_agents.controllers.resting import ends_of_plans, first_tips, with_latest
+from tensegrity_agents.controllers.resting import first_tips, with_latest
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
-
-_STILL = 1e-6  # of the range of the inputs
 
 
 class ServoMemory(NamedTuple):
@@ -66,9 +64,6 @@ class RestingRamp(Planned[ServoMemory]):
         """See `AnalyticController.initial`."""
         plan = self._plan(observed, index)
         return ServoMemory(plan, np.zeros(len(index), int), self._ends(plan), observed.inputs, first_tips(observed.tip))
-
-    def _ends(self, plan: np.ndarray) -> np.ndarray:
-        return ends_of_plans(plan, _STILL * float(self.high - self.low))
 
     def _act(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[np.ndarray, ServoMemory]:
         memory = memory._replace(tips=with_latest(memory.tips, observed.tip))

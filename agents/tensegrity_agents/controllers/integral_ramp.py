@@ -22,11 +22,9 @@ import numpy as np
 from tensegrity_agents.controllers.base import jacobian_at
 from tensegrity_agents.controllers.dynamic import Base, Planned
 from tensegrity_agents.controllers.fixed_length_damping import matrices
-from tensegrity_agents.controllers.resting import ends_of_plans
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
-_STILL = 1e-6  # of the range of the inputs
 _DAMPING = 0.1  # d [m/rad]
 _NEAR = 0.1  # [m] of a correction
 _SOFTEST = 0.05  # of the largest eigenvalue
@@ -82,9 +80,6 @@ class IntegralRamp(Planned[IntegralMemory]):
         return IntegralMemory(
             plan, np.full(n, -self.look), self._ends(plan), observed.inputs, np.zeros((n, self.joints)), none
         )
-
-    def _ends(self, plan: np.ndarray) -> np.ndarray:
-        return ends_of_plans(plan, _STILL * float(self.high - self.low))
 
     def _act(self, observed: DecodedObservation, memory: IntegralMemory) -> tuple[np.ndarray, IntegralMemory]:
         if self.look:
