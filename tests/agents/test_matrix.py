@@ -142,6 +142,14 @@ def test_figures_show_every_cell_and_level():
     assert texts(uncertainty_figure({"tensegrity/MastReach-v0": agents(1.0)})) == ["no records at several levels"]
 
 
+def test_an_uncertain_environment_as_it_is_counts_as_its_own_level():
+    """A row may be measured at levels 0 and 3 beside the environment as it is, which is at level 2."""
+    env_id = "tensegrity/TwoXTensionReachUncertain-v0"
+    group = [replace(row("servo", 0.5, levels=("", "0", "3")), env=env_id)]
+    (axes,) = uncertainty_figure({env_id: group}).axes
+    assert [list(line.get_xdata()) for line in axes.lines] == [[0, 2, 3]]
+
+
 def test_of_several_closed_forms_the_best_has_a_curve():
     levels = ("", "0", "1")
     group = [row("closed_form_max", 0.2, levels=levels), row("closed_form_sum", 0.9, levels=levels)]

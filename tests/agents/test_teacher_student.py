@@ -1,16 +1,20 @@
 """The past in observations, and what teachers show: against episodes written down step by step, and carried out."""
 
+import hashlib
+import json
+
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file, save
 
 from tensegrity_agents.config import ConfigError, Experiment
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.errors import TrainingError
 from tensegrity_agents.sb3.history import History
-from tensegrity_agents.sb3.policy_file import load_policy
+from tensegrity_agents.sb3.policy_file import PolicyFileError, load_policy
 from tensegrity_agents.sb3.teacher_student import Lessons, Teacher, driven
 from tensegrity_agents.sb3.training import train
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
@@ -173,6 +177,30 @@ def test_a_taught_agent_is_stored_with_its_past(tmp_path):
     action, state = loaded.predict(single)
     assert action.shape == (4,)
     assert loaded.predict(single, state, np.array([False]))[0].shape == (4,)
+
+
+def test_a_value_function_that_nothing_has_trained_is_not_stored(tmp_path):
+    taught, trained = (tmp_path / name for name in ("taught", "trained"))
+    train(small(total_timesteps=1024, teacher={"timesteps": 1024}), 0, taught)
+    train(small(teacher={"timesteps": 1024}), 0, trained)
+    kept = [
+        {name for name in load_file(folder / "policy.safetensors") if "value" in name} for folder in (taught, trained)
+    ]
+    assert not kept[0]
+    assert kept[1]
+    tensors = load_file(trained / "policy.safetensors")
+    with pytest.raises(PolicyFileError, match="do not fit"):
+        stored_again(trained, {name: value for name, value in tensors.items() if "value" not in name})
+    load_policy(taught, TENSION)
+
+
+def stored_again(folder, tensors):
+    """The policy with other tensors, loaded."""
+    data = save(tensors)
+    description = json.loads((folder / "policy.json").read_text()) | {"sha256": hashlib.sha256(data).hexdigest()}
+    (folder / "policy.safetensors").write_bytes(data)
+    (folder / "policy.json").write_text(json.dumps(description))
+    return load_policy(folder, TENSION)
 
 
 def test_only_what_leads_to_the_target_is_learned(tmp_path, monkeypatch):

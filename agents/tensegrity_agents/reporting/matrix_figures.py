@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+import gymnasium as gym
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -104,8 +105,16 @@ def uncertainty_figure(records: Mapping[str, Sequence[Record]]) -> Figure:
     return figure
 
 
+def _with_own_level(record: Record) -> Record:
+    """The record in which the environment as it is counts as the level that its id has."""
+    spec = gym.registry.get(record.env)
+    own = "" if spec is None else str(spec.kwargs.get("level", ""))
+    return record if not own or own in record.successes else record.with_level(own, record, "")
+
+
 def _curves(records: Sequence[Record]) -> dict[str, dict[int, Cell]]:
     """The cells by controller and level of an id; of several closed forms the best one, as "closed_form"."""
+    records = [_with_own_level(one) for one in records]
     levels = sorted({level for one in records for level in one.successes if level})
     lines: dict[str, dict[int, Cell]] = {}
     for level in levels:

@@ -43,6 +43,7 @@ POLICIES: dict[str, Any] = {
 }
 _ACTIVATIONS = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh}
 _NORMALIZE = "normalize."
+_VALUE = ("mlp_extractor.value_net.", "value_net.")  # how the names of the value function's tensors begin
 
 
 class PolicyFileError(ValueError):
@@ -200,8 +201,16 @@ def plain_policy(description: Mapping[str, Any]) -> Any:
     return POLICIES[description["algorithm"]](seen, action_space, lambda _: 0.0, **policy_kwargs(description))
 
 
+def _is_taught_only(description: Mapping[str, Any]) -> bool:
+    """Whether a teacher has trained the policy all the way, so that its value function is that of the beginning."""
+    train = description.get("train") or {}
+    return bool(train.get("teacher")) and train["teacher"]["timesteps"] >= train["total_timesteps"]
+
+
 def save_policy(folder: Path, agent: TrainedPolicy) -> None:
     """Write policy.safetensors and policy.json into a folder, each whole or not at all.
+
+    Of a policy that a teacher alone has trained, the value function, which nothing has trained, is left out.
 
     Args:
         folder: is created.
@@ -211,6 +220,8 @@ def save_policy(folder: Path, agent: TrainedPolicy) -> None:
     policy, normalization, description = agent.policy, agent.normalization, agent.description
     folder.mkdir(parents=True, exist_ok=True)
     tensors = {key: value.detach().cpu().contiguous() for key, value in policy.state_dict().items()}
+    if _is_taught_only(description):
+        tensors = {key: value for key, value in tensors.items() if not key.startswith(_VALUE)}
     tensors[_NORMALIZE + "mean"] = torch.from_numpy(np.asarray(normalization.mean, np.float64))
     tensors[_NORMALIZE + "variance"] = torch.from_numpy(np.asarray(normalization.variance, np.float64))
     data = save_tensors(tensors)
@@ -292,7 +303,9 @@ def load_policy(
     try:
         mean, variance = (tensors.pop(_NORMALIZE + key).numpy() for key in ("mean", "variance"))
         policy = plain_policy(description)
-        policy.load_state_dict(tensors)
+        fit = policy.load_state_dict(tensors, strict=not _is_taught_only(description))
+        if fit.unexpected_keys or not all(key.startswith(_VALUE) for key in fit.missing_keys):
+            raise KeyError(*fit.unexpected_keys, *fit.missing_keys)
     except (KeyError, RuntimeError, TypeError, ValueError, gym.error.Error) as error:
         raise PolicyFileError(
             f"{weights}: its tensors do not fit the policy that {DESCRIPTION} describes ({error})"
