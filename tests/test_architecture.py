@@ -41,7 +41,7 @@ LAYERS = [
     "vector_env",
     "registration",
     "warming",
-    "program",
+    "program", "__main__",
 ]
 AGENTS = ROOT / "agents" / "tensegrity_agents"
 # The same of the agents.

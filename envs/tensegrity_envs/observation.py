@@ -214,6 +214,10 @@ class DecodedObservation:
         hint = "; velocities are with observe_velocities = True" if name in ("joint_rates", "tip_velocity") else ""
         raise AttributeError(f"{name!r} is not observed; there are {', '.join(vars(self))}{hint}")
 
+    def __repr__(self) -> str:
+        shapes = ", ".join(f"{name}: {np.shape(value)}" for name, value in vars(self).items())
+        return f"{type(self).__name__}({shapes})"
+
     def __contains__(self, name: str) -> bool:
         """Whether there is such a quantity."""
         return name in vars(self)
@@ -256,6 +260,10 @@ class ObservationSchema:
         self.places = {field.name: slice(*ends) for field, ends in zip(fields, pairwise(ends), strict=True)}
         self.size, self._goal, self._inputs = ends[-1], goal, inputs
 
+    def __repr__(self) -> str:
+        sizes = ", ".join(f"{name}: {field.width}" for name, field in self.fields.items())
+        return f"{type(self).__name__}({sizes})"
+
     def encode(self, state: State, episode: Episode) -> list[Component]:
         """The numbers of the entry "observation", each within [-1, 1]; component code."""
         return [number for field in self.fields.values() for number in field.encode(field.values(state, episode))]
@@ -268,8 +276,14 @@ class ObservationSchema:
                 of shape (n, goal size).
 
         Raises:
-            ValueError: an entry has another shape; of a single observation the message says how it becomes a batch.
+            ValueError: it is no dict, or an entry has another shape; of a single observation the message says how it
+                becomes a batch.
         """
+        if not isinstance(observation, Mapping):
+            raise ValueError(
+                f"observation: {type(observation).__name__}, must be the environment's dict of observation, "
+                "achieved_goal and desired_goal, in batches"
+            )
         vector = np.asarray(observation["observation"], float)
         if vector.ndim == 1 and vector.size == self.size:
             raise ValueError(

@@ -71,6 +71,7 @@ def test_row_of_one_run():
     assert (row["success_low"], row["success_high"]) == wilson_interval(90, 100)
     assert row["error_median_mm"] == pytest.approx(1) and row["error_p95_mm"] == pytest.approx(50)
     assert row["error_p95_share"] == pytest.approx(0.05 / 0.6)
+    assert row["reasons"] == {"unstable": 0.1} and table.shares_text(row["reasons"]) == "unstable 10.0 %"
     assert row["steps_median"] == 20 and row["ended_early"] == 0.1 and row["notes"] == "what agent knows"
     assert row["unstable"] == pytest.approx(10 / 9040)  # one step in each of ten episodes, of all steps
     assert row["stability_margin_p5"] == 0.04 and row["microseconds"] == 3.2 and row["effort"] == 0.5

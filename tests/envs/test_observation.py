@@ -98,6 +98,8 @@ def test_other_values_take_the_place_of_a_field_and_of_nothing_else():
     np.testing.assert_array_equal(changed.joint_angles, schema.decode(observation).joint_angles)
     with pytest.raises(ValueError, match=r"must be a batch of shape \(n, 12\)"):
         schema.decode({**observation, "observation": observation["observation"][:, :5]})
+    with pytest.raises(ValueError, match=r"observation: ndarray, must be the environment's dict"):
+        schema.decode(observation["observation"])
     with pytest.raises(ValueError, match=r"one alone; .* \{name: value\[None\]"):
         schema.decode({name: value[0] for name, value in observation.items()})
     for name in ("achieved_goal", "desired_goal"):

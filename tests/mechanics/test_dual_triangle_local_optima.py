@@ -228,6 +228,26 @@ def test_three_segments_have_the_optima_of_the_curve():
             assert found[0].objective == pytest.approx(best.objective, abs=1e-7)
 
 
+def test_the_margin_under_a_torque_at_the_tip():
+    """It is what the control law against that load gives, and no other configuration of a fine curve has more."""
+    arm, load, limit = DualTriangle(ZHAO2021_TEXT), (0.3, -0.5, 0.02), float(ZHAO2021_TEXT.joint_limit)
+    x, y = (float(place) for place in arm.tip((0.4, 0.3, -0.2)))
+    found = arm.local_optima(x, y, "margin", load=load)
+
+    def margin(q):
+        lengths = arm.free_lengths(arm.control(q, load))
+        return np.minimum(arm.stability_margin(q, lengths, load), arm.wrench_margin(q, lengths))
+
+    for one in found:
+        assert margin(one.configuration) == pytest.approx(one.objective, abs=1e-9)
+    first = np.linspace(-limit, limit, 20_001)
+    curve = np.hstack([completed(arm, first[None], x, y, elbow) for elbow in (1.0, -1.0)])
+    curve = curve[:, np.isfinite(curve).all(axis=0) & (np.abs(curve) <= limit).all(axis=0)]
+    assert margin(tuple(curve)).max() == pytest.approx(found[0].objective, abs=1e-4)
+    assert margin(tuple(curve)).max() <= found[0].objective + 1e-9
+    assert abs(found[0].objective - arm.local_optima(x, y, "margin", load=load[:2])[0].objective) > 1e-3
+
+
 def test_two_segments_have_both_solutions():
     rng = np.random.default_rng(6)
     for k in range(20):

@@ -104,7 +104,7 @@ def test_compliance_by_differences_of_loaded_equilibria(design, segments):
                 tips.append(np.array(arm.tip(arm.equilibrium(lengths, q, tuple(more)).configuration)))
             columns.append((tips[0] - tips[1]) / (2 * force))
         expected = np.stack(columns, axis=1)
-        np.testing.assert_allclose(arm.compliance(q, lengths, load), expected, atol=1e-5 * np.abs(expected).max())
+        np.testing.assert_allclose(arm.tip_compliance(q, lengths, load), expected, atol=1e-5 * np.abs(expected).max())
 
 
 def test_loads_of_a_wrong_size_are_named():

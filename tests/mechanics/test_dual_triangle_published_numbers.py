@@ -305,7 +305,7 @@ def _(inputs, expected):
         "q": q,
         "xy": arm.tip(q),
         "eig": eigenvalues(arm, q, lengths, load),
-        "compliance_xy": arm.compliance(q, lengths, load),
+        "compliance_xy": arm.tip_compliance(q, lengths, load),
         "energy": arm.potential_energy(q, lengths, load),
     }
 

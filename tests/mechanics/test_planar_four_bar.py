@@ -342,7 +342,7 @@ def test_loaded_jacobian_thrusts_and_compliance_by_differences():
 
             h, jacobian = 1e-4, np.array(ARM.jacobian(state.configuration, lengths, load))
             thrusts = ARM.thrusts(state.configuration, lengths, load)
-            compliance = np.array(ARM.compliance(state.configuration, lengths, load))
+            compliance = np.array(ARM.tip_compliance(state.configuration, lengths, load))
             for i in range(2):
                 step = h * np.eye(2)[i]
                 (p, u), (m, v) = at(tuple(lengths + step), load), at(tuple(lengths - step), load)
@@ -523,7 +523,7 @@ def test_components_may_be_floats_arrays_or_tensors():
         state = arm.rectangle(rectangles, side)
         values += [*state[0], *state[1], *arm.phi(q, lengths), *arm.flat(lengths)[0]]
         values += [v for row in arm.jacobian(q, lengths, load) for v in row]
-        return values + [v for row in arm.compliance(q, lengths, load) for v in row]
+        return values + [v for row in arm.tip_compliance(q, lengths, load) for v in row]
 
     arrays = quantities(ARM, q, lengths, load, rectangles, side)
     tensors = quantities(

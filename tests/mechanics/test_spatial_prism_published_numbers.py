@@ -130,7 +130,7 @@ def _(prism, inputs):
 
 @computes("sp-compl")
 def _(prism, inputs):
-    return prism.compliance((*map(float, inputs["r"]), 0.0, 0.0, 0.0)).ravel()
+    return prism.tip_compliance((*map(float, inputs["r"]), 0.0, 0.0, 0.0)).ravel()
 
 
 def loaded(prism, inputs):

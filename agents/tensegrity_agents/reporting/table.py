@@ -1,6 +1,8 @@
 """The comparison as numbers and as words: one row for every controller, a table, and who wins."""
 
 import math
+from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -53,7 +55,8 @@ def summary_rows(runs: list[Run], reach: float | None = None) -> list[Row]:
         error_median_mm, error_p95_mm, and with `reach` error_median_share, error_p95_share of it;
         settling_median, settling_p90 (of the time after which the tip stays on target [s], over all episodes, infinite
         where it does not; NaN where the task does not ask for it);
-        steps_median (to the target, of the episodes that got there; NaN if none), ended_early (share of the episodes);
+        steps_median (to the target, of the episodes that got there; NaN if none), ended_early (share of the episodes),
+        reasons (the same share by reason, the most frequent first);
         unstable, infeasible (share of all steps); stability_margin_p5, wrench_margin_p5 (5th percentile, over episodes,
         of the smallest margin in the episode); effort; microseconds (per action);
         agent_better: probability of improvement of the best agent over this controller, an Estimate or None.
@@ -103,6 +106,7 @@ def _row(group: list[Run], reach: float | None) -> Row:
     reached = reached[~np.isnan(reached)]
     settling = column("settling_time_s")
     training_runs = len(group) if first.kind == "agent" or first.training_seed is not None else 0
+    ended = Counter(reason for run in group for reason in run.reasons if reason)
     scores = np.stack([run.columns["score"] for run in group])
     score = Estimate(math.nan, math.nan, math.nan)
     if np.isfinite(scores).all():
@@ -129,7 +133,8 @@ def _row(group: list[Run], reach: float | None) -> Row:
         "steps_median": float(np.median(reached)) if len(reached) else math.nan,
         "settling_median": float(np.percentile(settling, 50, method="higher")),
         "settling_p90": float(np.percentile(settling, 90, method="higher")),
-        "ended_early": sum(reason != "" for run in group for reason in run.reasons) / (len(group) * episodes),
+        "ended_early": ended.total() / (len(group) * episodes),
+        "reasons": {reason: count / (len(group) * episodes) for reason, count in ended.most_common()},
         "effort": float(np.mean(column("effort"))),
         "microseconds": float(np.mean([run.microseconds_per_action for run in group])),
     }
@@ -290,6 +295,13 @@ def print_table(rows: list[Row], console: Console) -> None:
         style = "bold cyan" if row["kind"] == "agent" else "green" if row is best else ""
         table.add_row(name, *(cells[i] for i in shown), style=style)
     console.print(table)
+    if ended := [f"{row['controller']}: {shares_text(row['reasons'])}" for row in rows if row["reasons"]]:
+        console.print(Text(f"Episodes that ended early. {'; '.join(ended)}.", style="dim"))
+
+
+def shares_text(reasons: Mapping[str, float]) -> str:
+    """Why episodes ended early, "joint limit 2.0 %, buckled 0.3 %"."""
+    return ", ".join(f"{reason} {percent(share, ' %')}" for reason, share in reasons.items())
 
 
 def to_markdown(rows: list[Row]) -> str:

@@ -14,9 +14,9 @@ Counts = tuple[int, ...]
 T = TypeVar("T")
 
 
-def check_finite(name: str, values: Sequence[Component], count: int) -> None:
-    """Raise ValueError unless these are `count` finite numbers (or arrays of them)."""
-    check_count(name, values, count)
+def check_finite(name: str, values: Sequence[Component], *counts: int) -> None:
+    """Raise ValueError unless these are finite numbers (or arrays of them), as many as one of `counts`."""
+    check_count(name, values, *counts)
     try:
         finite = all(np.isfinite(np.asarray(detached(value), float)).all() for value in values)
     except (TypeError, ValueError):  # texts, nested sequences

@@ -73,7 +73,7 @@ def _base(axes: Axes, prism: SpatialPrism) -> None:
 def compliance(prism: SpatialPrism, x: np.ndarray, y: np.ndarray, z: float) -> tuple[np.ndarray, np.ndarray]:
     """Of the unloaded platform with its struts locked [mm/N]: sideways in the worst direction, and along z."""
     still = np.zeros(x.size)
-    c = prism.compliance((x.ravel(), y.ravel(), still + z, still, still, still))
+    c = prism.tip_compliance((x.ravel(), y.ravel(), still + z, still, still, still))
     return 1000 * np.linalg.eigvalsh(c[:, :2, :2])[:, 1].reshape(x.shape), 1000 * c[:, 2, 2].reshape(x.shape)
 
 

@@ -162,19 +162,36 @@ class DualTriangleLoading(DualTriangleStatics):
             raise ValueError(f"direction = {direction!r}: must not be zero")
         return direction[0] / length, direction[1] / length
 
-    def estimate_load(self, q: Sequence[Component], free_lengths: Sequence[Component]) -> tuple[Component, Component]:
+    def estimate_load(
+        self, q: Sequence[Component], free_lengths: Sequence[Component], torque: bool = False
+    ) -> tuple[Component, ...]:
         """The tip force (fx, fy) [N] under which measured angles are in equilibrium: least squares of J^T F = -M.
 
         n equations, two unknowns: exact where the angles are. At a singular configuration, the straight arm, the force
-        along the links cannot be seen in the torques; the force of smallest norm is given.
+        along the links cannot be seen in the torques; the force of smallest norm is given. A torque at the tip that is
+        not asked for is taken for a force.
+
+        Args:
+            q: n measured angles [rad].
+            free_lengths: 2 n of them [m].
+            torque: estimate (fx, fy, tau), with the torque tau [N m] at the tip: three unknowns, for three segments or
+                more. Where all pivots are on one line, the smallest one is given, a torque counting as a force at the
+                distance of the reach.
+
+        Raises:
+            ValueError: a torque is asked for, and the arm has fewer than three segments.
         """
-        found = estimate_load(self, q, free_lengths)
+        if torque and self.segments < 3:
+            raise ValueError(f"estimate_load: a torque, too, shows in three segments or more, not in {self.segments}")
+        found = estimate_load(self, q, free_lengths, torque)
         if is_batch(self._probe, *q, *free_lengths):
-            return found[..., 0], found[..., 1]
-        return float(found[0]), float(found[1])
+            return tuple(np.moveaxis(found, -1, 0))
+        return tuple(found.tolist())
 
     def identify(self, x: float, y: float, free_lengths: Sequence[float]) -> list[LoadedState]:
-        """Every configuration within the limits, with its load, that explains a measured tip under known inputs.
+        """Every configuration within the limits, with its force, that explains a measured tip under known inputs.
+
+        A torque at the tip would be one unknown too many; where there is one, it is taken for a force.
 
         n + 2 equations (tip, equilibrium) for as many unknowns (n angles, two force components): the solutions are the
         stationary points of the springs' energy where the tip is. Sorted by configuration. Only the stable ones can be

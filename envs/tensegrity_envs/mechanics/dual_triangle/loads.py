@@ -129,11 +129,18 @@ def straight_critical_loads(arm: DualTriangleStatics, common: Component) -> tupl
     return tuple(float(p) if np.ndim(p) == 0 else p for p in np.moveaxis(loads, -1, 0))
 
 
-def estimate_load(arm: DualTriangleStatics, q: Sequence[Component], free_lengths: Sequence[Component]) -> np.ndarray:
-    """Least squares of J^T F = -M(q), of minimal norm, on arrays (..., 2)."""
-    transposed = np.swapaxes(stacked(arm.jacobian(q)), -1, -2)
+def estimate_load(
+    arm: DualTriangleStatics, q: Sequence[Component], free_lengths: Sequence[Component], torque: bool = False
+) -> np.ndarray:
+    """Least squares of J^T F + tau = -M(q), of minimal norm, on arrays (..., 2), or (..., 3) with the torque tau."""
+    size = arm.reach  # a torque is measured as a force at this distance, so that the norm has one unit
+    turns = [(size + 0.0 * q[0],) * arm.segments] if torque else []
+    transposed = np.swapaxes(stacked([*arm.jacobian(q), *turns]), -1, -2)
     slopes = stacked([arm.energy_gradient(q, free_lengths)])[..., 0, :]
-    return np.asarray(np.einsum("...ij,...j->...i", np.linalg.pinv(transposed, rcond=1e-12), slopes))
+    found = np.asarray(np.einsum("...ij,...j->...i", np.linalg.pinv(transposed, rcond=1e-12), slopes))
+    if torque:
+        found[..., 2] *= size
+    return found
 
 
 def correct(

@@ -136,7 +136,7 @@ class DualTriangle(DualTriangleLoading):
         objective: Objective | Literal["margin"] = "squares",
         joint_limit: Component | None = None,
     ) -> Redundancy:
-        """The configuration with the tip at (x, y) that is nearest to a start, by one of three measures.
+        """The configuration with the tip at (x, y) that is nearest to a start, or the one of the largest margin.
 
         "sum" of the joints' displacements [Zhao2021, objective a], the largest of them, "max" (b), or the sum of their
         "squares" (c), minimized over the whole self-motion curve within the joint limits (which the paper's objectives
@@ -193,7 +193,7 @@ class DualTriangle(DualTriangleLoading):
                 [Zhao2021, section III]; or "margin", the smaller one of stability and wrench margin at the control
                 law's inputs, to be large.
             start: n angles [rad]; zero by default.
-            load: (fx, fy) [N], for "margin".
+            load: (fx, fy) [N], or with a torque (fx, fy, tau) [N m], for "margin".
 
         Returns:
             The optima within the joint limits, none where the target is out of reach; of two segments all solutions. Of
@@ -210,7 +210,7 @@ class DualTriangle(DualTriangleLoading):
         begin = (0.0,) * self.segments if start is None else start
         check_numbers("target", (x, y), 2)
         check_numbers("start", begin, self.segments)
-        check_finite("load", load, 2)
+        check_finite("load", load, 2, 3)
         place, limit = np.array(begin, float)[:, None], float(self.design.joint_limit)
         _, q, value = optima(self, np.array([float(x)]), np.array([float(y)]), place, objective, tuple(load), limit)
         return [Optimum(tuple(row), best) for row, best in zip(q.T.tolist(), value.tolist(), strict=True)]

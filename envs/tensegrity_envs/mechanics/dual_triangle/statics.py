@@ -177,7 +177,7 @@ class DualTriangleStatics(DualTriangleKinematics):
         """The same arm with springs that push, too."""
         return type(self)(replace(self.design, springs="bilateral"), self.segments)
 
-    def compliance(
+    def tip_compliance(
         self,
         q: Sequence[Component],
         free_lengths: Sequence[Component] | None = None,
@@ -209,8 +209,8 @@ class DualTriangleStatics(DualTriangleKinematics):
         free_lengths: Sequence[Component] | None = None,
         load: Sequence[Component] = _NO_LOAD,
     ) -> tuple[Components, Components]:
-        """The inverse of `compliance` [N/m], 2 x 2; infinite where the arm is singular, NaN where it is unstable."""
-        (cxx, cxy), (_, cyy) = self.compliance(q, free_lengths, load)
+        """The inverse of `tip_compliance` [N/m], 2 x 2; infinite where the arm is singular, NaN where unstable."""
+        (cxx, cxy), (_, cyy) = self.tip_compliance(q, free_lengths, load)
         xp = namespace_of(cxx)
         det = cxx * cyy - cxy * cxy
         regular = abs(det) > 1e-14 * (cxx + cyy) * (cxx + cyy)

@@ -136,7 +136,7 @@ class FourBarStatics(FourBarKinematics):
                 forces[member.name] = k * xp.hypot(*from_to(*member.nodes))
         return forces | {"actuator AC": -p1, "actuator BD": -p2}
 
-    def compliance(
+    def tip_compliance(
         self, q: Sequence[Component], lengths: Sequence[Component], load: Sequence[Component] = NO_LOAD
     ) -> tuple[Components, Components]:
         """dF / d load with the actuators locked [m/N], of rank one: F can only turn about C.

@@ -166,7 +166,7 @@ class PrismStatics(PrismKinematics):
             smallest = xp.minimum(smallest, force)
         return smallest / (self.design.k * self.design.D)
 
-    def compliance(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> np.ndarray:
+    def tip_compliance(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> np.ndarray:
         """Matrix d r / d F [m/N] of the centroid with the struts locked, shape (3, 3) or (n, 3, 3): G K^-1 G^T."""
         pose, k = self.pose(q), self.design.k
         _check_not_flat(pose)
@@ -177,6 +177,10 @@ class PrismStatics(PrismKinematics):
         g = values[..., :9].reshape(*values.shape[:-1], 3, 3)
         held = values[..., 9:].reshape(g.shape)
         return g @ np.linalg.solve(held, np.swapaxes(g, -1, -2))
+
+    def cartesian_stiffness(self, q: Sequence[Component], wrench: Sequence[Component] = _NO_WRENCH) -> np.ndarray:
+        """Matrix d F / d r [N/m] with the struts locked, the inverse of `tip_compliance`, of the same shape."""
+        return np.linalg.inv(self.tip_compliance(q, wrench))
 
     def jacobian(
         self,
