@@ -41,7 +41,8 @@ LAYERS = [
     "vector_env",
     "registration",
     "warming",
-    "program", "__main__",
+    "program",
+    "__main__",
 ]
 AGENTS = ROOT / "agents" / "tensegrity_agents"
 # The same of the agents.
