@@ -5,12 +5,14 @@ import pytest
 from scipy import stats
 
 from tensegrity_agents.evaluation.statistics import (
+    Estimate,
     interquartile_mean,
     interquartile_mean_of_runs,
     normalized_score,
     performance_profile,
     probability_of_improvement,
     stratified_bootstrap,
+    success_rate,
     wilson_interval,
 )
 
@@ -161,3 +163,12 @@ def test_normalized_score():
     assert normalized_score(0.55, 0.2, 0.9) == pytest.approx(0.5)
     assert np.isnan(normalized_score(0.5, 0.9, 0.9)) and np.isnan(normalized_score(0.0, 0.0, 0.0))
     np.testing.assert_array_equal(normalized_score([1.0, 2.0], [0.0, 1.0], [2.0, 1.0]), [0.5, np.nan])
+
+
+def test_runs_that_all_succeed_have_an_interval():
+    """Five runs of 100 episodes are no 500 independent ones, and a bootstrap would say [1, 1]."""
+    for value in (0.0, 1.0):
+        several, one = (success_rate(np.full((runs, 100), value)) for runs in (5, 1))
+        assert several == one == (Estimate(value, *wilson_interval(int(100 * value), 100)), "Wilson")
+    flags = np.random.default_rng(0).random((3, 50)) < 0.8
+    assert success_rate(flags) == (stratified_bootstrap(flags), "bootstrap")

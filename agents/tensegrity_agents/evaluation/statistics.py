@@ -74,6 +74,25 @@ def interquartile_mean_of_runs(scores: np.ndarray) -> float:
     return interquartile_mean(np.asarray(scores, float).mean(axis=1))
 
 
+def success_rate(
+    flags: np.ndarray, statistic: Callable[[np.ndarray], float] = interquartile_mean_of_runs
+) -> tuple[Estimate, str]:
+    """A success rate with its 95% interval, and whether that is of "Wilson" or of a "bootstrap" over runs and episodes.
+
+    One run has Wilson's interval, and so have several whose episodes all succeeded, or all failed: a bootstrap would
+    say that nothing else can happen. They are counted as one run then, for they went through the same episodes.
+
+    Args:
+        flags: of success, shape (runs, episodes).
+        statistic: of the bootstrap.
+    """
+    flags = np.asarray(flags, float)
+    if len(flags) == 1 or flags.min() == flags.max():
+        interval = wilson_interval(int(flags[0].sum()), flags.shape[1])
+        return Estimate(float(flags[0].mean()), *interval), "Wilson"
+    return stratified_bootstrap(flags, statistic), "bootstrap"
+
+
 def stratified_bootstrap(
     scores: ArrayLike,
     statistic: Callable[[np.ndarray], float] = interquartile_mean_of_runs,

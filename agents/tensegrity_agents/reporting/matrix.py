@@ -11,7 +11,7 @@ from tensegrity_agents.evaluation.statistics import (
     Estimate,
     probability_of_improvement,
     stratified_bootstrap,
-    wilson_interval,
+    success_rate,
 )
 from tensegrity_agents.reporting.table import percent, steps_text
 
@@ -68,9 +68,7 @@ def mean_success(flags: np.ndarray) -> Estimate:
     Args:
         flags: success, (runs, episodes).
     """
-    if len(flags) == 1:
-        return Estimate(float(flags.mean()), *wilson_interval(int(flags.sum()), flags.size))
-    return stratified_bootstrap(flags, lambda values: float(np.mean(values)))
+    return success_rate(flags, lambda values: float(np.mean(values)))[0]
 
 
 def cells_of(records: Sequence[Record], level: str = "") -> dict[str, Cell]:

@@ -17,7 +17,7 @@ from tensegrity_agents.evaluation.statistics import (
     normalized_score,
     probability_of_improvement,
     stratified_bootstrap,
-    wilson_interval,
+    success_rate,
 )
 
 Row = dict[str, Any]
@@ -91,11 +91,7 @@ def _row(group: list[Run], reach: float | None) -> Row:
     first = group[0]
     episodes = len(first.seeds)
     successes = _successes(group)
-    if len(group) == 1:
-        low, high = wilson_interval(int(successes.sum()), episodes)
-        success, interval = Estimate(float(successes.mean()), low, high), "Wilson"
-    else:
-        success, interval = stratified_bootstrap(successes), "bootstrap"
+    success, interval = success_rate(successes)
 
     def column(name: str) -> np.ndarray:
         return np.concatenate([run.columns[name] for run in group])
