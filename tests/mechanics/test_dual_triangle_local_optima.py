@@ -7,6 +7,7 @@ import pytest
 from programmes import along_kinks, optima_by_programmes
 
 from tensegrity_envs.mechanics import ZHAO2021_CAPTION, ZHAO2021_TEXT, DualTriangle, DualTriangleDesign
+from tensegrity_envs.mechanics.optima.faces import choices, equal_signs, held_angles
 
 OBJECTIVES = ("sum", "max", "squares", "margin")
 UNEQUAL = DualTriangleDesign(0.05, 0.04, 0.06, 0.05, 500.0, 450.0, 0.055, 0.05)
@@ -313,4 +314,18 @@ def test_calls_that_make_no_sense():
         DualTriangle(segments=4).redundancy(0.2, 0.0, (0.0,) * 4, "most")
     with pytest.raises(ValueError, match="positive and finite"):
         DualTriangle(segments=4).redundancy(0.2, 0.0, (0.0,) * 4, joint_limit=math.inf)
+    for segments in (3, 4):
+        with pytest.raises(ValueError, match="arrays of one axis"):
+            DualTriangle(segments=segments).redundancy(np.full((2, 2), 0.1), 0.1, (0.0,) * segments)
     assert DualTriangle(segments=4).local_optima(9.0, 0.0) == []
+
+
+def test_of_many_segments_corners_are_drawn_instead_of_listed():
+    """Of twelve joints at two limits or at rest there are 59,049 choices for each of 66 pairs."""
+    values = held_angles("sum", np.full(12, 0.1), 1.5)
+    assert values[0] == (-1.5, 1.5, 0.1)
+    drawn = choices(values, 15)
+    assert drawn.shape == (12, 15)
+    assert np.isin(drawn, values[0]).all()
+    assert sorted(map(tuple, choices([(1.0, 2.0), (3.0,)], 15).T.tolist())) == [(1.0, 3.0), (2.0, 3.0)]
+    assert equal_signs(30, 3).shape == (30, 33)

@@ -5,9 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mechanism_cases import random_n_x_design, random_two_x_design
-from n_x_checks import is_held, largest_least_tension, redundancy_targets, worse_than_slides
+from n_x_checks import (
+    better_beside,
+    is_held,
+    largest_least_tension,
+    random_arm,
+    redundancy_targets,
+    worse_than_slides,
+)
 
 from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, NXDesign, TwoX
+from tensegrity_envs.mechanics.n_x.margins import frame_at, margin_pieces
 
 THREE = NX(replace(NXDesign.from_two_x(MURALIDHARAN2022, 3), joint_limit=2.6))
 OBJECTIVES = ("sum", "max", "squares", "margin")
@@ -45,10 +53,43 @@ def test_no_better_configuration_is_found_by_slides(objective, seed):
     assert worse_than_slides(seed, 3, 4, objective, 40) < 2e-9
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("objective", ("sum", "squares", "margin"))  # "max" misses some, see docs/n_x.md
+@pytest.mark.parametrize("objective", OBJECTIVES)
 def test_no_better_configuration_of_four_joints_is_found_by_slides(objective):
-    assert worse_than_slides(0, 4, 2, objective, 100) < 1e-6
+    """Of these two targets programmes from 60 random starts alone missed the best "max" of one, by 0.0093 rad."""
+    assert worse_than_slides(0, 4, 2 if objective == "max" else 1, objective, 200) < 1e-6
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("block", range(13))
+@pytest.mark.parametrize("joints", [4, 5])
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_no_better_configuration_of_four_and_five_joints_is_found_by_slides(objective, joints, block):
+    assert worse_than_slides(block, joints, 2, objective, 200) < 1e-6
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES[:3])
+def test_all_that_is_listed_is_best_nearby(objective):
+    arm, x, y, start, rng = redundancy_targets(2, 4, 1)
+    listed = arm.local_optima(float(x[0]), float(y[0]), objective, tuple(start[:, 0].tolist()))
+    assert listed
+    assert [one.objective for one in listed] == sorted(one.objective for one in listed)
+    for one in listed:
+        assert arm.tip(one.configuration) == pytest.approx((x[0], y[0]), abs=1e-11 * arm.reach)
+        assert better_beside(arm, np.array(one.configuration), objective, start[:, 0], rng) < 1e-8
+
+
+def test_smooth_pieces_of_the_margin_are_the_margin():
+    """At the configuration that a frame is of, and not above it elsewhere."""
+    rng = np.random.default_rng(9)
+    for seed in range(0, 12, 3):  # cables of each joint
+        arm, _ = random_arm(seed, 4, strong=True)
+        q, load = rng.uniform(-1.5, 1.5, (4, 6)), (1.0, -2.0)
+        pieces, margin = margin_pieces(arm, load), np.minimum(*arm.posture(tuple(q), load)[1:])
+        for i in range(6):
+            frame = frame_at(arm, q[:, i], load)
+            values = -pieces(q, frame).max(axis=0)
+            assert values[i] == pytest.approx(margin[i], rel=1e-9, abs=1e-9)
+            assert (values >= margin - 1e-9 * (1 + np.abs(margin))).all()
 
 
 def test_a_batch_of_targets_is_what_single_ones_give():
@@ -102,5 +143,7 @@ def test_targets_out_of_reach_and_wrong_calls():
         THREE.local_optima(np.array([0.1, 0.2]), 0.5)
     with pytest.raises(ValueError, match=r"x, y and start: shapes \(2,\), \(3,\), "):
         THREE.redundancy(np.array([0.1, 0.2]), np.array([0.5, 0.6, 0.7]))
+    with pytest.raises(ValueError, match="arrays of one axis"):
+        THREE.redundancy(np.full((2, 2), 0.1), np.full((2, 2), 0.5))
     with pytest.raises(ValueError, match="for three joints or more, not for 2"):
         NX(NXDesign.from_two_x(MURALIDHARAN2022)).redundancy(0.1, 0.5)

@@ -1,12 +1,12 @@
 """Inverse solutions that keep clear of obstacles, and the best ones where there is a continuum. Derived here.
 
 Of arms whose solutions are finitely many, all are found and those that touch something left out. Of redundant ones
-points of the self-motion move downhill, as for the redundancy without obstacles (`mechanics.n_x.redundancy`,
-`mechanics.dual_triangle.local_optima`); what is not clear counts as worse than everything, so that they stop where an
-obstacle begins, as they do at joint limits. Of four joints or more programmes (`mechanics.n_x.pieces`) with the parts
-of the clearance as constraints go on from there, and what is no local optimum is left out. Components of the clear part
-of a self-motion that are narrower than the starts are dense can be missed. Solutions of the planar 4-bar are stable
-equilibria, and actuator lengths are part of them: its angles alone do not say where its bars are.
+points of the self-motion move downhill, as for the redundancy without obstacles (`mechanics.optima.search`); what is
+not clear counts as worse than everything, so that they stop where an obstacle begins, as they do at joint limits. Of
+four joints or more programmes (`mechanics.optima.pieces`) with the parts of the clearance as constraints go on from
+there, and what is no local optimum is left out. Components of the clear part of a self-motion that are narrower than
+the starts are dense can be missed. Solutions of the planar 4-bar are stable equilibria, and actuator lengths are part
+of them: its angles alone do not say where its bars are.
 """
 
 from collections.abc import Sequence
@@ -22,14 +22,16 @@ from tensegrity_envs.geometry.own_bars import own_pairs
 from tensegrity_envs.mechanics.checks import check_numbers
 from tensegrity_envs.mechanics.design import check_one_design
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle
-from tensegrity_envs.mechanics.dual_triangle.local_optima import GROUP, slide
+from tensegrity_envs.mechanics.dual_triangle.local_optima import problem_of as dual_triangle_problem
 from tensegrity_envs.mechanics.dual_triangle.local_optima import starts as triangle_starts
-from tensegrity_envs.mechanics.dual_triangle.margins import eigenvectors, margin_pieces
 from tensegrity_envs.mechanics.n_x import NX
-from tensegrity_envs.mechanics.n_x.optimality import SAME, grouped, polished
-from tensegrity_envs.mechanics.n_x.pieces import Problem, displacements
+from tensegrity_envs.mechanics.n_x.local_optima import problem_of as n_x_problem
 from tensegrity_envs.mechanics.n_x.postures import postures_at
-from tensegrity_envs.mechanics.n_x.redundancy import Measure, measure_of, walk
+from tensegrity_envs.mechanics.optima.descent import slide, walk
+from tensegrity_envs.mechanics.optima.objectives import Measure, measure_of, of_target
+from tensegrity_envs.mechanics.optima.optimality import SAME, grouped, polished
+from tensegrity_envs.mechanics.optima.pieces import Problem
+from tensegrity_envs.mechanics.optima.search import GROUP
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 from tensegrity_envs.mechanics.two_x import TwoX
 
@@ -74,10 +76,10 @@ def clear_solutions(
     Of two joints all of them, and of the planar 4-bar all stable equilibria under the load; of three joints the local
     optima of the objective along the self-motion curves; of more, local optima among all that are clear by more than
     `least`: to first order (Karush, Kuhn and Tucker, with the joint limits and the clearance as constraints), and
-    none of a few hundred configurations up to 2e-3 rad away is better, see `mechanics.n_x.optimality`. Of the "margin"
-    of an n-X, whose kinks are not all told apart, the latter alone. The first is the best of all that was looked at,
-    and is given even if it does not pass. That these are all is not promised. Where bars that do not move are nearest,
-    all that is as clear is an optimum of the "clearance", and some are given.
+    none of a few hundred configurations up to 2e-3 rad away is better, see `mechanics.optima.optimality`. Of the
+    "margin" of an n-X with cables that span several joints, whose kinks are not told apart, the latter alone. The first
+    is the best of all that was looked at, and is given even if it does not pass. That these are all is not promised.
+    Where bars that do not move are nearest, all that is as clear is an optimum of the "clearance", and some are given.
 
     Args:
         mechanism: a `TwoX`, an `NX` or a `DualTriangle` of two joints or more, or a `PlanarFourBar`; of one design.
@@ -134,7 +136,9 @@ def clear_solutions(
         q, reached = (walk if joints == 3 else slide)(mechanism, begun, none, *place, measure, limit)
         if joints > 3 and (gap(q) > least).any():
             best = grouped(none, q, reached, GROUP, _SOLVED)
-            problem = _problem(mechanism, (float(x), float(y)), limit, measure, objective, from_start, load)
+            problem_of = dual_triangle_problem if isinstance(mechanism, DualTriangle) else n_x_problem
+            target, worth = (float(x), float(y)), of_target(measure)
+            problem = problem_of(mechanism, target, from_start[:, 0], objective, load, limit, worth)
             q = polished(
                 _clear(problem, objective, obstacles, pairs, least), np.hstack([q[:, best], begun[:, :_SOLVED]])
             )
@@ -219,32 +223,6 @@ def _measure(
         return np.where(gap(q) > least, free(q, owner), np.inf)
 
     return measure
-
-
-def _problem(
-    mechanism: Any,
-    target: tuple[float, float],
-    limit: float,
-    measure: Measure,
-    objective: str,
-    start: np.ndarray,
-    load: Sequence[Component],
-) -> Problem:
-    """The programme of an objective, whatever is in the way."""
-
-    def value(q: np.ndarray) -> np.ndarray:
-        return measure(q, np.zeros(q.shape[1], int))
-
-    def both(q: np.ndarray, frame: np.ndarray) -> np.ndarray:
-        with np.errstate(all="ignore"):
-            return -np.stack(mechanism.posture(tuple(q), load)[1:])
-
-    if objective == "margin" and isinstance(mechanism, DualTriangle):
-        pieces, frame = margin_pieces(mechanism, load), lambda q: eigenvectors(mechanism, q, load)
-        return Problem(mechanism, target, limit, value, pieces, None, frame=frame)
-    if objective == "margin":
-        return Problem(mechanism, target, limit, value, both, None, is_smooth=False)
-    return Problem(mechanism, target, limit, value, *displacements(objective, start[:, 0]))
 
 
 def _clear(

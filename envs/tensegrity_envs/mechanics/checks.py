@@ -33,15 +33,17 @@ def check_numbers(name: str, values: Sequence[Component], count: int) -> None:
 
 
 def common_shape(names: str, *values: Component) -> tuple[int, ...]:
-    """The shape, of one axis or more, that numbers and arrays have together.
+    """The shape (m,) that numbers and arrays have together.
 
     Raises:
-        ValueError: the shapes differ.
+        ValueError: the shapes differ, or have two axes or more.
     """
+    shapes = ", ".join(str(np.shape(value)) for value in values)
+    if any(np.ndim(value) > 1 for value in values):
+        raise ValueError(f"{names}: shapes {shapes}: must be numbers, or arrays of one axis; ravel() makes them so")
     try:
         return np.broadcast_shapes((1,), *map(np.shape, values))
     except ValueError:
-        shapes = ", ".join(str(np.shape(value)) for value in values)
         raise ValueError(f"{names}: shapes {shapes}: must be numbers, or arrays of one shape") from None
 
 

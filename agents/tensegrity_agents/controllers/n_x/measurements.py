@@ -4,7 +4,7 @@ import numpy as np
 
 from tensegrity_agents.controllers.two_x.measurements import Estimate
 from tensegrity_envs.mechanics import NX
-from tensegrity_envs.mechanics.n_x.redundancy import project
+from tensegrity_envs.mechanics.optima.projection import project
 from tensegrity_envs.observation import DecodedObservation
 
 _ROUNDS = 12  # of Gauss's and Newton's method

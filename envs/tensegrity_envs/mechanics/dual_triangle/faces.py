@@ -1,14 +1,11 @@
-"""Configurations of an arm with the tip at a target in which some joints are at limits: where searches begin."""
+"""Two joints of an arm in closed form, and joints that are equally far from a centre: places where searches begin."""
 
-from collections.abc import Sequence
-from itertools import combinations, product
 from typing import Any
 
 import numpy as np
 
 from tensegrity_envs.mechanics.dual_triangle.inverse import wrap
-
-MOST_CORNERS = 1000  # of a target, before the two joints are solved for: of more, some that are drawn
+from tensegrity_envs.mechanics.optima.faces import equal_signs, within
 
 _DISTANCES, _HALVINGS = 100, 40  # of the search for equal distances
 
@@ -47,40 +44,14 @@ def _seen_from(arm: Any, q: np.ndarray, joint: int, target: tuple[float, float])
     return np.asarray((complex(*target) - base) * np.exp(-1j * q[:joint].sum(axis=0)))
 
 
-def corners(arm: Any, values: Sequence[Sequence[float]], target: tuple[float, float], limit: float) -> np.ndarray:
-    """Configurations (n, k) within the limits, all joints but two at one of their values each, in every way.
-
-    Args:
-        arm: of three segments or more.
-        values: of each joint [rad].
-        target: (x, y) [m].
-        limit: of the joint angles [rad].
-    """
-    n, found = arm.segments, []
-    pairs = list(combinations(range(n), 2))
-    most = max(1, MOST_CORNERS // len(pairs))
-    for pair in pairs:
-        others = [k for k in range(n) if k not in pair]
-        ways = np.array(list(product(*(values[k] for k in others))), float).T
-        if ways.shape[1] > most:
-            ways = ways[:, np.random.default_rng(0).permutation(ways.shape[1])[:most]]
-        q = np.zeros((n, ways.shape[1]))
-        q[others] = ways
-        found.append(completed(arm, q, pair, target))
-    return _inside(np.hstack(found), limit)
-
-
 def equal_corners(arm: Any, centre: np.ndarray, target: tuple[float, float], limit: float) -> np.ndarray:
     """Configurations (n, k) within the limits of which all joints but one are as far from `centre` (n,) as each other.
 
     For each joint and all signs of the others, distances at which what lies beyond the joint reaches to the target.
     """
     n, found = arm.segments, []
-    signs = np.array(list(product((-1.0, 1.0), repeat=n - 1))).T
-    if signs.shape[1] > MOST_CORNERS // n:
-        signs = signs[:, np.random.default_rng(0).permutation(signs.shape[1])[: MOST_CORNERS // n]]
     for joint in range(n):
-        way = np.insert(signs, joint, 0.0, axis=0)
+        way = equal_signs(n, joint)
 
         def gap(far: np.ndarray, way: np.ndarray, joint: int = joint) -> np.ndarray:
             q = centre[:, None] + way * far
@@ -97,37 +68,4 @@ def equal_corners(arm: Any, centre: np.ndarray, target: tuple[float, float], lim
         q = centre[:, None] + way * low
         q[joint] = wrap(np.angle(_seen_from(arm, q, joint, target)) - np.angle(_chain(arm, q, joint, n)))
         found.append(q)
-    return _inside(np.hstack(found), limit)
-
-
-def faces(
-    arm: Any,
-    values: Sequence[Sequence[float]],
-    target: tuple[float, float],
-    limit: float,
-    count: int,
-    centre: np.ndarray | None = None,
-) -> np.ndarray:
-    """Configurations (n, k) within the limits, of which random joints are at one of their values each, others anywhere.
-
-    Args:
-        arm, values, target, limit: see `corners`.
-        count: how many are drawn before two joints, each pair of them in turn, are solved for.
-        centre: angles (n,) from which, in every other one of them, joints are as far as each other, instead.
-    """
-    n, rng, found = arm.segments, np.random.default_rng(2), []
-    pairs = list(combinations(range(n), 2))
-    count = -(-count // len(pairs))
-    for pair in pairs:
-        q = rng.uniform(-limit, limit, (n, count)) * rng.choice([0.3, 1.0], count)
-        fixed = np.stack([rng.choice(np.array(given, float), count) for given in values])
-        if centre is not None:
-            equal = centre[:, None] + rng.choice([-1.0, 1.0], (n, count)) * rng.uniform(0, limit, count)
-            fixed = np.where(np.arange(count) % 2, equal, fixed)
-        q = np.where(rng.uniform(size=(n, count)) < rng.uniform(size=count), fixed, q)
-        found.append(completed(arm, q, pair, target))
-    return _inside(np.hstack(found), limit)
-
-
-def _inside(q: np.ndarray, limit: float) -> np.ndarray:
-    return q[:, (np.abs(q) <= limit).all(axis=0)]
+    return within(np.hstack(found), limit)

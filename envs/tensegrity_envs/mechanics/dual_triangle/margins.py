@@ -6,16 +6,13 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.mechanics.n_x.pieces import Table
-
-_BETWEEN = 8  # unit vectors between the eigenvectors of the two smallest eigenvalues, and these
+from tensegrity_envs.mechanics.optima.pieces import Table, unit_vectors
 
 
 def margin_pieces(arm: Any, load: Sequence[Component]) -> Table:
     """Minus the margin is the largest of minus 2 L_i0 / (b1 + b2) and minus v.H v / stiffness_scale of unit vectors v.
 
-    H is the stiffness matrix at the control law's free lengths L_i0; the smallest eigenvalue is at most v.H v for every
-    v, so that the frame of H's eigenvectors at a configuration gives its margin, and their mixtures what is nearby.
+    H is the stiffness matrix at the control law's free lengths L_i0.
     """
     first = arm.chain[0].design
 
@@ -30,11 +27,9 @@ def margin_pieces(arm: Any, load: Sequence[Component]) -> Table:
 
 
 def eigenvectors(arm: Any, q: np.ndarray, load: Sequence[Component]) -> np.ndarray:
-    """Unit vectors (n, w): the eigenvectors of H at a configuration (n,), and mixtures of the first two of them."""
+    """Unit vectors (n, w) of the stiffness matrix at a configuration (n,), see `unit_vectors`."""
     lengths = arm.free_lengths(arm.control(tuple(q[:, None]), load))
-    vectors = np.linalg.eigh(_hessians(arm, q[:, None], lengths, load)[:, :, 0])[1]
-    angle = np.pi * np.arange(1, _BETWEEN) / _BETWEEN
-    return np.hstack([vectors, np.outer(vectors[:, 0], np.cos(angle)) + np.outer(vectors[:, 1], np.sin(angle))])
+    return unit_vectors(_hessians(arm, q[:, None], lengths, load)[:, :, 0])
 
 
 def _hessians(arm: Any, q: np.ndarray, lengths: Components, load: Sequence[Component]) -> np.ndarray:

@@ -27,7 +27,7 @@ from tensegrity_envs.mechanics.dual_triangle.loading import DualTriangleLoading
 from tensegrity_envs.mechanics.dual_triangle.local_optima import nearest, optima
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective, Redundancy, resolve
 from tensegrity_envs.mechanics.dual_triangle.shooting import candidates, grid_of_starts, polish
-from tensegrity_envs.mechanics.n_x.redundancy import Optimum, measure_of
+from tensegrity_envs.mechanics.optima.objectives import Optimum, measure_of
 
 _NO_LOAD = (0.0, 0.0)
 
@@ -197,8 +197,8 @@ class DualTriangle(DualTriangleLoading):
 
         Returns:
             The optima within the joint limits, none where the target is out of reach; of two segments all solutions. Of
-            four and more each is a local optimum by the test of `n_x.optimality`; the first one is what is best of all
-            that was looked at, and need not pass it.
+            four and more each is a local optimum by the test of `optima.optimality`; the first one is what is best of
+            all that was looked at, and need not pass it.
 
         Raises:
             ValueError: a number is not finite, the objective is unknown, the arm has one segment, or it is a batch of

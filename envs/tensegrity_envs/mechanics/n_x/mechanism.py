@@ -15,11 +15,13 @@ from tensegrity_envs.compiler.namespace import Component, Components, Namespace,
 from tensegrity_envs.mechanics import equilibrium as _equilibrium
 from tensegrity_envs.mechanics.checks import check_finite, check_numbers, check_single, common_shape, sized
 from tensegrity_envs.mechanics.eigenvalues import smallest_eigenvalue
-from tensegrity_envs.mechanics.n_x import buckling, inverse, programmes, redundancy, statics, tensions, wrenches
+from tensegrity_envs.mechanics.n_x import buckling, inverse, local_optima, programmes, statics, tensions, wrenches
 from tensegrity_envs.mechanics.n_x.chain import NO_LOAD, CableArm, symmetric
 from tensegrity_envs.mechanics.n_x.design import NXDesign
+from tensegrity_envs.mechanics.n_x.redundancy import Redundancy
 from tensegrity_envs.mechanics.n_x.routing import FROM_BASE, PER_JOINT
 from tensegrity_envs.mechanics.n_x.vertices import extreme_stiffness
+from tensegrity_envs.mechanics.optima.objectives import Objective, Optimum
 from tensegrity_envs.mechanics.x_joints.joint import Joint
 
 _CELLS = (32, 32, 16)  # along each joint, with which the search for all equilibria begins
@@ -300,10 +302,10 @@ class NX(CableArm):
         self,
         x: float,
         y: float,
-        objective: redundancy.Objective = "squares",
+        objective: Objective = "squares",
         start: Sequence[float] | None = None,
         load: Sequence[float] = NO_LOAD,
-    ) -> list[redundancy.Optimum]:
+    ) -> list[Optimum]:
         """The local optima among the configurations of three or more joints with the tip at (x, y) [m], best first.
 
         Args:
@@ -315,8 +317,9 @@ class NX(CableArm):
             load: (fx, fy) [N], for "margin".
 
         Returns:
-            The optima within the joint limits, none where the target is out of reach. Of more than three joints those
-            that 60 starts lead to.
+            The optima within the joint limits, none where the target is out of reach. Of more than three joints each
+            is a local optimum by the test of `optima.optimality`; the first one is what is best of all that was looked
+            at, and need not pass it.
 
         Raises:
             ValueError: a number is not finite, the arm has fewer than three joints, or the mechanism is a batch.
@@ -324,16 +327,16 @@ class NX(CableArm):
         check_numbers("target", (x, y), 2)
         check_numbers("start", (0.0,) * self.degrees_of_freedom if start is None else start, self.degrees_of_freedom)
         found = self._optima(x, y, objective, start, load)
-        return [redundancy.Optimum(tuple(q), v) for q, v in zip(found[1].T.tolist(), found[2].tolist(), strict=True)]
+        return [Optimum(tuple(q), v) for q, v in zip(found[1].T.tolist(), found[2].tolist(), strict=True)]
 
     def redundancy(
         self,
         x: Component,
         y: Component,
         start: Sequence[Component] | None = None,
-        objective: redundancy.Objective = "squares",
+        objective: Objective = "squares",
         load: Sequence[float] = NO_LOAD,
-    ) -> redundancy.Redundancy:
+    ) -> Redundancy:
         """The best configuration with the tip at (x, y) [m], floats or arrays of shape (m,); see `local_optima`.
 
         Args:
@@ -358,9 +361,9 @@ class NX(CableArm):
         if there.any():
             _, stability[there], wrench[there] = self.posture(tuple(best[:, there]), tuple(load))
         if any(map(np.ndim, (x, y, *(() if start is None else start)))):
-            return redundancy.Redundancy(tuple(best), values, there, stability, wrench)
+            return Redundancy(tuple(best), values, there, stability, wrench)
         margins = float(stability[0]), float(wrench[0])
-        return redundancy.Redundancy(tuple(best[:, 0].tolist()), float(values[0]), bool(there[0]), *margins)
+        return Redundancy(tuple(best[:, 0].tolist()), float(values[0]), bool(there[0]), *margins)
 
     def _optima(
         self, x: Component, y: Component, objective: str, start: Sequence[Component] | None, load: Sequence[float]
@@ -376,7 +379,7 @@ class NX(CableArm):
         shape = common_shape("x, y and start", x, y, *begin)
         px, py, *angles = (np.broadcast_to(np.asarray(value, float), shape) for value in (x, y, *begin))
         places = np.stack(angles)
-        return redundancy.optima(self, px, py, places, objective, tuple(load))
+        return local_optima.optima(self, px, py, places, objective, tuple(load))
 
 
 def _unit(direction: Sequence[float]) -> tuple[float, float]:

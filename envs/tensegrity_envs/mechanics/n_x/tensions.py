@@ -61,12 +61,16 @@ def moment_table(routing: Routing, joints: Sequence[Held]) -> list[list[Componen
     return table
 
 
+def others_at_bound(joint: Held, bound: Component) -> tuple[Component, Component]:
+    """F_right with F_left at the bound, and F_left with F_right at it."""
+    return (bound * joint.left - joint.moment) / joint.right, (bound * joint.right + joint.moment) / joint.left
+
+
 def _joint_at_bound(
     xp: Namespace, joint: Held, bound: Component, is_upper: bool
 ) -> tuple[Component, Component, Component]:
     """F_left and F_right with one of them at the bound and the other one inside it, and that other one."""
-    other_right = (bound * joint.left - joint.moment) / joint.right
-    other_left = (bound * joint.right + joint.moment) / joint.left
+    other_right, other_left = others_at_bound(joint, bound)
     left_at_bound = other_right <= bound if is_upper else other_right >= bound
     return (
         xp.where(left_at_bound, bound, other_left),

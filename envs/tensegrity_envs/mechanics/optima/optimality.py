@@ -7,8 +7,8 @@ kinks, limits and barriers that it is on which do not make the objective rise.
 
 import numpy as np
 
-from tensegrity_envs.mechanics.n_x.pieces import Active, Problem, active_at, slopes, snapped, solve
-from tensegrity_envs.mechanics.n_x.redundancy import project
+from tensegrity_envs.mechanics.optima.pieces import Active, Problem, active_at, slopes, snapped, solve
+from tensegrity_envs.mechanics.optima.projection import project
 
 SAME = 1e-4  # [rad]: optima that are no further apart are one
 _GAIN = 1e-9  # of the objective: nothing near a local optimum is better by more
@@ -20,6 +20,8 @@ _LEVEL = 12  # joint rates along which the objective neither rises nor falls
 
 def polished(problem: Problem, q: np.ndarray) -> np.ndarray:
     """The local optima (n, any) that configurations (n, k) lead to, best first; and what is best, if it is none."""
+    if not q.shape[1]:
+        return q
     ends = np.array([solve(problem, column) for column in q.T]).reshape(-1, len(q)).T
     ends = np.hstack([_at_target(problem, ends), q[:, [problem.measure(q).argmin()]]])
     value = problem.measure(ends)

@@ -13,14 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-Table = Callable[[np.ndarray, np.ndarray], np.ndarray]  # configurations (n, k) and a frame (n, w) -> values (p, k)
+Table = Callable[[np.ndarray, np.ndarray], np.ndarray]  # configurations (n, k) and a frame (any, w) -> values (p, k)
 
 _STEP = 1e-6  # [rad] of differences
 _ACTIVE = 1e-6  # [rad], or of the values: what is no further apart is equal
 _NEWTON = 8  # steps
 _FAR = 1e-3  # [rad]: what is active is no further away
 _MOST_PIECES = 48  # and as many barriers, that a programme has as constraints
-_ROUNDS = 4  # of programmes, with other pieces or another frame each
+_ROUNDS = 12  # of programmes, with other pieces or another frame each
+_BETWEEN = 8  # unit vectors between the eigenvectors of the two smallest eigenvalues, and these
 _HELD = 1e-9  # of pieces and barriers that a programme did not have
 
 
@@ -36,7 +37,7 @@ class Problem:
         pieces: of the objective, in units in which they are about 1.
         group: of each piece, shape (p,); None where they are all of one.
         barriers: what must not be negative, over the reach, or None.
-        frame: what the pieces take as unit vectors at a configuration (n,), shape (n, w).
+        frame: what the pieces take as unit vectors and the like at a configuration (n,), shape (any, w).
         is_smooth: whether the pieces have no kinks of their own, so that their derivatives decide what is an optimum.
     """
 
@@ -68,6 +69,17 @@ def slopes(f: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.ndarray:
     n = len(q)
     moved = f(q[:, None] + _STEP * np.hstack([np.eye(n), -np.eye(n)]))
     return np.asarray((moved[:, :n] - moved[:, n:]) / (2 * _STEP))
+
+
+def unit_vectors(matrix: np.ndarray) -> np.ndarray:
+    """Unit vectors (n, w): the eigenvectors of a symmetric matrix (n, n), and mixtures of the first two of them.
+
+    The smallest eigenvalue is at most v.H v for every v, so that the eigenvectors give it, and their mixtures what is
+    nearby.
+    """
+    vectors = np.linalg.eigh(matrix)[1]
+    angle = np.pi * np.arange(1, _BETWEEN) / _BETWEEN
+    return np.hstack([vectors, np.outer(vectors[:, 0], np.cos(angle)) + np.outer(vectors[:, 1], np.sin(angle))])
 
 
 def displacements(objective: str, start: np.ndarray) -> tuple[Table, np.ndarray]:
@@ -150,13 +162,23 @@ def snapped(problem: Problem, q: np.ndarray, active: Active) -> np.ndarray:
 
 
 def solve(problem: Problem, q: np.ndarray) -> np.ndarray:
-    """Where programmes lead to from a configuration (n,), moved onto what is active there."""
+    """Where programmes lead to from a configuration (n,), moved onto what is active there.
+
+    A programme that ends nowhere better, for pieces that it did not have, is tried again within a shorter way.
+    """
+    longest, value = np.inf, problem.measure(q[:, None])[0]
     for _ in range(_ROUNDS):
-        q, totals = _programme(problem, q)
-        values = problem.pieces(q[:, None], problem.frame(q))[:, 0]
+        end, totals = _programme(problem, q, longest)
+        values = problem.pieces(end[:, None], problem.frame(end))[:, 0]
         is_held = (_largest(values, problem.groups(values)) <= totals + _HELD).all()
-        if is_held and (problem.barriers is None or problem.barriers(q[:, None]).min() >= -_HELD):
+        if is_held and (problem.barriers is None or problem.barriers(end[:, None]).min() >= -_HELD):
+            q = end
             break
+        reached = problem.measure(end[:, None])[0]
+        if np.isfinite(value) and not reached < value:
+            longest = np.abs(end - q).max() / 4
+        else:
+            q, value = end, reached
     return snapped(problem, q, active_at(problem, q))
 
 
@@ -165,10 +187,11 @@ def _largest(values: np.ndarray, group: np.ndarray) -> np.ndarray:
     return np.array([values[group == g].max() for g in range(group.max() + 1)])
 
 
-def _programme(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _programme(problem: Problem, q: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
     """Where one programme ends, shape (n,), and what it takes for the largest piece of each group there.
 
-    Of many pieces and barriers it has those that are nearest to being active at its start.
+    Joints turn by `longest` at most [rad]. Of many pieces and barriers it has those that are nearest to being active
+    at its start.
     """
     from scipy.optimize import minimize  # slow to import, and only needed here
 
@@ -215,7 +238,8 @@ def _programme(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]
         return np.asarray(price if more else slopes(chosen, z).sum(axis=0))
 
     first = np.concatenate([q, largest[:more]])
-    bounds: list[tuple[float | None, float | None]] = [(-problem.limit, problem.limit)] * n + [(None, None)] * more
-    options: Any = {"ftol": 1e-14, "maxiter": 100}
+    limits = (np.clip(edge, -problem.limit, problem.limit).tolist() for edge in (q - longest, q + longest))
+    bounds: list[tuple[float | None, float | None]] = [*zip(*limits, strict=True), *[(None, None)] * more]
+    options: Any = {"ftol": 1e-14, "maxiter": 100} if problem.is_smooth else {"ftol": 1e-10, "maxiter": 60}
     found = minimize(value, first, jac=slope, bounds=bounds, constraints=constraints, method="SLSQP", options=options)
     return np.asarray(found.x[:n]), np.asarray(found.x[n:] if more else [found.fun])
