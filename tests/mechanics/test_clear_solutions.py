@@ -338,6 +338,26 @@ def test_five_segments_against_random_postures(objective):
     assert False not in close
 
 
+@pytest.mark.parametrize(
+    "arm", [TwoX(MURALIDHARAN2022), NX(THREE_X), DualTriangle(ZHAO2021_CAPTION)], ids=lambda arm: type(arm).__name__
+)
+def test_each_tells_whether_it_can_be_held_under_the_load(arm):
+    """Its margins are those of its configuration; both kinds occur, and under a load they are others."""
+    rng, load, held = np.random.default_rng(11), (-10.0, -10.0), []
+    spread = 0.95 * min(float(arm.design.joint_limit), 2.4)
+    far = [Disc((9.0 * float(arm.reach), 0.0), 0.1)]
+    for _ in range(4):
+        x, y = (float(place) for place in arm.tip(tuple(rng.uniform(-1, 1, arm.degrees_of_freedom) * spread)))
+        for given in ((0.0, 0.0), load):
+            for one in clear_solutions(arm, x, y, far, "squares", load=given):
+                _, stability, wrench = arm.posture(one.configuration, given)
+                assert (one.stability_margin, one.wrench_margin) == pytest.approx((stability, wrench), abs=1e-9)
+                assert one.is_stable_wrench_feasible == (stability > 0 and wrench >= 0)
+                held.append((one.is_stable_wrench_feasible, one.stability_margin))
+    assert len({can for can, _ in held}) == 2
+    assert len({round(margin, 9) for _, margin in held}) > len(held) // 2
+
+
 def test_an_obstacle_on_the_base_leaves_nothing_and_wrong_calls_are_explained():
     arm, disc = DualTriangle(), Disc((0.0, 0.0), 0.01)
     assert clear_solutions(arm, 0.2, 0.05, [disc]) == []

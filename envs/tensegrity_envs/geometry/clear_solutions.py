@@ -51,13 +51,22 @@ class ClearSolution(NamedTuple):
         configuration: the joint angles [rad].
         clearance: least signed clearance of any bar [m].
         objective: its value [m for "clearance"; - for "margin"; the others as `start`, squared for "squares"].
+        stability_margin: of the stiffest tensions, or of the control law's free lengths, under the load [-].
+        wrench_margin: of the same [-].
         lengths: actuator lengths of the planar 4-bar [m]; other arms have none.
     """
 
     configuration: tuple[float, ...]
     clearance: float
     objective: float
+    stability_margin: float
+    wrench_margin: float
     lengths: tuple[float, ...] | None = None
+
+    @property
+    def is_stable_wrench_feasible(self) -> bool:
+        """Whether the configuration can be held under the load."""
+        return self.stability_margin > 0 and self.wrench_margin >= 0
 
 
 def clear_solutions(
@@ -79,7 +88,8 @@ def clear_solutions(
     none of a few hundred configurations up to 2e-3 rad away is better, see `mechanics.optima.optimality`. Of the
     "margin" of an n-X with cables that span several joints, whose kinks are not told apart, the latter alone. The first
     is the best of all that was looked at, and is given even if it does not pass. That these are all is not promised.
-    Where bars that do not move are nearest, all that is as clear is an optimum of the "clearance", and some are given.
+    Where bars that do not move are nearest, or the tip at the target, all that is as clear is an optimum of the
+    "clearance", and some are given. Whether the arm can be held there counts for the "margin" alone; each tells.
 
     Args:
         mechanism: a `TwoX`, an `NX` or a `DualTriangle` of two joints or more, or a `PlanarFourBar`; of one design.
@@ -91,7 +101,7 @@ def clear_solutions(
         start: joint angles [rad], zero by default; of the 4-bar actuator lengths [m], by default L, half of their
             range.
         least: clearance that solutions exceed [m].
-        load: (fx, fy) [N], for "margin" and for the equilibria of the 4-bar.
+        load: (fx, fy) [N], for margins and for the equilibria of the 4-bar.
         own_bars: whether the mechanism's own bars that can meet count as obstacles, too (`own_bars.own_pairs`).
 
     Returns:
@@ -149,7 +159,9 @@ def clear_solutions(
     else:
         index = index[np.argsort(value[index], kind="stable")]
     sign = -1.0 if objective in _LARGER_IS_BETTER else 1.0
-    return [ClearSolution(tuple(q[:, i].tolist()), float(gaps[i]), sign * float(value[i])) for i in index]
+    q, gaps, value = q[:, index], gaps[index], sign * value[index]
+    _, stability, wrench = mechanism.posture(tuple(q), tuple(load))
+    return _solutions(q, gaps, value, stability, wrench)
 
 
 def _joints(mechanism: Any) -> int:
@@ -193,22 +205,29 @@ def _of_four_bar(
     q = np.array([one.configuration for one in at_target]).reshape(-1, 2).T
     lengths = np.array([one.lengths for one in at_target]).reshape(-1, 2).T
     gaps = gap(q, tuple(lengths))
+    stability, wrench = (
+        np.asarray(margin(tuple(q), tuple(lengths), load))
+        for margin in (mechanism.stability_margin, mechanism.wrench_margin)
+    )
     if objective == "clearance":
         value = gaps
     elif objective == "margin":
-        margins = (
-            margin(tuple(q), tuple(lengths), load) for margin in (mechanism.stability_margin, mechanism.wrench_margin)
-        )
-        value = np.minimum(*margins)
+        value = np.minimum(stability, wrench)
     else:
         value = measure_of(mechanism, objective, start, load)(lengths, np.zeros(q.shape[1], int))
     sign = -1.0 if objective in _LARGER_IS_BETTER else 1.0
     order = np.argsort(sign * value, kind="stable")
-    return [
-        ClearSolution(tuple(q[:, i].tolist()), float(gaps[i]), float(value[i]), tuple(lengths[:, i].tolist()))
-        for i in order
-        if gaps[i] > least
-    ]
+    order = order[gaps[order] > least]
+    return _solutions(q[:, order], gaps[order], value[order], stability[order], wrench[order], lengths[:, order])
+
+
+def _solutions(
+    q: np.ndarray, gaps: np.ndarray, value: np.ndarray, stability: Any, wrench: Any, lengths: np.ndarray | None = None
+) -> list[ClearSolution]:
+    """The columns of arrays (n, k) and (k,) as solutions."""
+    rows = [np.broadcast_to(part, gaps.shape).tolist() for part in (gaps, value, stability, wrench)]
+    inputs = [None] * len(gaps) if lengths is None else [tuple(row) for row in lengths.T.tolist()]
+    return [ClearSolution(tuple(c), *rest) for c, *rest in zip(q.T.tolist(), *rows, inputs, strict=True)]
 
 
 def _measure(
