@@ -114,6 +114,8 @@ class TipStiffness:
     ) -> StiffnessRange:
         """The least and the greatest `stiffness` [N/m] that tensions within their bounds give in equilibrium at q.
 
+        Both are NaN where q or the load is.
+
         Raises:
             ValueError: the direction is not finite, or zero.
         """
@@ -124,7 +126,9 @@ class TipStiffness:
         feasible = (wrench >= 0) & (stability > 0)
         least = self.stiffness(q, soft, load, direction)
         greatest = self.stiffness(q, stiff, load, direction)
-        return StiffnessRange(xp.where(feasible, least, 0.0), xp.where(feasible, greatest, 0.0))
+        both = stability + wrench
+        none = xp.where(xp.isfinite(both), 0.0, both)
+        return StiffnessRange(xp.where(feasible, least, none), xp.where(feasible, greatest, none))
 
     def tensions_for(
         self,

@@ -105,10 +105,12 @@ class NXDesign:
         Of two joints it is the same arm; further joints have the springs of the second one.
 
         Raises:
-            TypeError: it is no such design.
+            TypeError: it is no such design, or the number of joints is no integer.
             ValueError: there is no joint.
         """
         check_design(design, TwoXDesign, "MURALIDHARAN2022")
+        if isinstance(joints, bool) or not isinstance(joints, int | np.integer):
+            raise TypeError(f"joints = {joints!r}: must be an integer")
         k = (design.k1, *((design.k2,) * (joints - 1)))
         common = {field: getattr(design, field) for field in _COMMON_FIELDS}
         return cls(joints, design.b, design.l, design.a, k, **common)

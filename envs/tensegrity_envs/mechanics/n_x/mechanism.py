@@ -162,7 +162,8 @@ class NX(CableArm):
             Vertices of the polygon (fx, fy) [N], counter-clockwise, shape (k, 2); none where no force is feasible.
 
         Raises:
-            ValueError: the set is not bounded (one joint, or a singular posture), or the mechanism is a batch.
+            ValueError: the set is not bounded (one joint, or a singular posture) or has no area (a joint that no cable
+                spans, or too few cables), or the mechanism is a batch.
         """
         zonotope, here = self.torque_zonotope(q), tuple(map(float, q))
         return wrenches.tip_force_polygon(
@@ -201,9 +202,13 @@ class NX(CableArm):
 
         Raises:
             ValueError: a number is not finite, the direction is zero, there is no stable equilibrium without the force,
-                or the mechanism is a batch of designs.
+                `largest` is not positive, or the mechanism is a batch of designs.
         """
         check_single(self._probe, "buckling_load")
+        if largest is not None:
+            check_numbers("largest", (largest,), 1)
+            if largest <= 0:
+                raise ValueError(f"largest = {largest!r}: must be positive [N], or None for 100 times max_tension")
         begin = (0.0,) * self.degrees_of_freedom if start is None else tuple(map(float, start))
         rest = self.equilibrium(tensions, begin)
         if not rest.is_stable:
@@ -256,8 +261,8 @@ class NX(CableArm):
                 or is a batch of designs, or the equilibria form a continuum.
         """
         check_single(self._probe, "equilibria")
-        check_finite("tensions", tensions, len(self.routing))
-        check_finite("load", load, 2)
+        check_numbers("tensions", tensions, len(self.routing))
+        check_numbers("load", load, 2)
         n = self.degrees_of_freedom
         if n > len(_CELLS):
             raise ValueError(f"equilibria: for up to three joints, not for {n}; equilibrium(tensions, start) finds one")

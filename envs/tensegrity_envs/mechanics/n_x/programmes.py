@@ -12,10 +12,11 @@ import numpy as np
 from tensegrity_envs.compiler.namespace import Component, is_symbol, is_tensor, namespace_of
 from tensegrity_envs.mechanics.n_x.chain import CableArm
 from tensegrity_envs.mechanics.n_x.tensions import Held, moment_table
-from tensegrity_envs.mechanics.n_x.zonotope import largest_lower_bound
+from tensegrity_envs.mechanics.n_x.zonotope import independent_rows, largest_lower_bound, reduced
 from tensegrity_envs.mechanics.x_joints.joint import Joint
 
 _MOST_CUTS = 80
+_HOPELESS = -1e20  # of max_tension: below it no lower bound is low enough
 _GAP = 1e-9  # of the smallest eigenvalue, relative to the largest entry of the matrix
 
 
@@ -42,7 +43,8 @@ def extreme(
             "tensions of a routing that is given as a matrix come from linear programmes: on floats and arrays only; "
             "'per_joint' and 'from_base' have closed forms"
         )
-    room = largest_lower_bound(namespace_of(*flat), table, moments, design.max_tension) - design.min_tension
+    bound = largest_lower_bound(namespace_of(*flat), table, moments, design.max_tension)
+    room = _with_dependent_rows(table, moments, design.max_tension, bound) - design.min_tension
     curvature = [joint.curvatures for joint in joints]
     pulls = [[0.0 if not row[j] else curvature[j][max(row[j], 0)] for row in routing] for j in range(n)]
     parts: list[Component] = [
@@ -50,7 +52,7 @@ def extreme(
         *(0.0 if entry is None else entry for row in table for entry in row),
         *(hessian[min(i, j)][max(i, j)] for i in range(n) for j in range(n)),
         *(entry for row in pulls for entry in row),
-        design.min_tension + np.minimum(room, 0.0),
+        design.min_tension + np.where(room > _HOPELESS * design.max_tension, np.minimum(room, 0.0), 0.0),
         design.max_tension,
     ]
     shape = np.broadcast_shapes(*(np.shape(part) for part in parts))
@@ -60,6 +62,29 @@ def extreme(
     if len(shape):
         return list(found.T.reshape(m, *shape)), room
     return [float(tension) for tension in found[0]], room
+
+
+def _with_dependent_rows(
+    table: Sequence[Sequence[Component | None]], moments: Sequence[Component], high: Component, bound: Component
+) -> Component:
+    """The bound of `largest_lower_bound`, found again where the cables do not act on all joints independently.
+
+    There the set of moments that they give is flat: it has fewer facets than normals are asked for.
+    """
+    n, m = len(table), len(table[0])
+    parts = [*(0.0 if entry is None else entry for row in table for entry in row), *moments, high, bound]
+    shape = np.broadcast_shapes(*map(np.shape, parts))
+    columns = np.stack([np.broadcast_to(np.asarray(part, float), shape).ravel() for part in parts])
+    found = columns[-1].copy()
+    for k, column in enumerate(columns.T):
+        square, highest = column[: n * m].reshape(n, m), float(column[-2])
+        if not np.isfinite(column[:-1]).all() or not independent_rows(square)[1].size:
+            continue
+        fewer, found[k] = reduced(square, column[n * m : -2], highest), -1e30 * highest
+        if fewer is not None:
+            rows, right = (part.tolist() for part in fewer)
+            found[k] = largest_lower_bound(namespace_of(highest), rows, tuple(right), highest)
+    return found.reshape(shape) if shape else float(found[0])
 
 
 def _programme(column: np.ndarray, n: int, m: int, stiffest: bool) -> np.ndarray:
@@ -94,6 +119,7 @@ def extreme_tensions(
     """
     n, m = table.shape
     scale = np.abs(table).sum(axis=1) * high + np.abs(moments)
+    scale = np.where(scale > 0, scale, 1.0)  # of a joint that no cable spans and nothing loads
     rows, right = table / scale[:, None], moments / scale
     size = max(float(np.abs(passive).max()), float(np.abs(pulls).sum(axis=1).max() * high))
     trace = pulls.sum(axis=0) / size

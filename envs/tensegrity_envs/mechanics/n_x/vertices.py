@@ -13,12 +13,20 @@ import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component
 from tensegrity_envs.mechanics.n_x.chain import CableArm
+from tensegrity_envs.mechanics.n_x.zonotope import reduced
 
 
 def vertices(table: np.ndarray, moments: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Vertices of {F: table @ F = moments, low <= F <= high}, shape (k, m): all but n tensions are at a bound."""
+    """Vertices of {F: table @ F = moments, low <= F <= high}, shape (k, m): all but n tensions are at a bound.
+
+    Where the cables do not act on all n joints independently, all but as many as the rank of the table are.
+    """
+    fewer = reduced(table, moments, high)
+    if fewer is None:
+        return np.empty((0, table.shape[1]))
+    table, moments = fewer
     n, m = table.shape
-    bounds = np.array(list(product((low, high), repeat=m - n))).reshape(-1, m - n)
+    bounds = np.array(list(product((low, high), repeat=m - n))).reshape(2 ** (m - n), m - n)
     found = []
     for basis in combinations(range(m), n):
         rest = [c for c in range(m) if c not in basis]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_envs.mechanics.n_x.zonotope import check_choices, facet_normals
+from tensegrity_envs.mechanics.n_x.zonotope import check_choices, facet_normals, independent_rows
 
 
 class Zonotope(NamedTuple):
@@ -25,12 +25,18 @@ class Zonotope(NamedTuple):
         return np.asarray(directions @ self.center + np.abs(directions @ self.generators).sum(axis=-1))
 
     def halfspaces(self) -> tuple[np.ndarray, np.ndarray]:
-        """All facets: unit normals (k, n) and offsets (k,); inside is normals @ torque <= offsets."""
-        table = [[None if entry == 0 else float(entry) for entry in row] for row in self.generators]
+        """All facets: unit normals (k, n) and offsets (k,); inside is normals @ torque <= offsets.
+
+        Of a flat one, too: where the cables do not act on all joints independently.
+        """
+        acted, free = independent_rows(self.generators)
+        rows = acted.T @ self.generators if free.size else self.generators
+        table = [[None if entry == 0 else float(entry) for entry in row] for row in rows]
         found = [[0.0 if v is None else float(v) for v in normal] for normal in facet_normals(table)]
         normals = np.array(found)
         sizes = np.linalg.norm(normals, axis=1)
         normals = normals[sizes > 1e-12 * sizes.max()] / sizes[sizes > 1e-12 * sizes.max(), None]
+        normals = np.concatenate([normals @ acted.T, free.T])
         normals = np.concatenate([normals, -normals])
         return normals, self.support(normals)
 
@@ -59,11 +65,18 @@ def tip_force_polygon(zonotope: Zonotope, torque: np.ndarray, jacobian: np.ndarr
 
     Raises:
         ValueError: the set is not bounded: the tip of one joint, or of a singular posture, can carry any force in some
-            direction.
+            direction; or it is flat.
     """
     from scipy.optimize import linprog  # slow to import, and only needed here
     from scipy.spatial import ConvexHull, HalfspaceIntersection  # slow to import, and only needed here
 
+    flat = independent_rows(zonotope.generators)[1].shape[1]
+    if flat:
+        n, m = zonotope.generators.shape
+        raise ValueError(
+            f"tip_forces: {m} cables act on {n - flat} of {n} joints independently: what they hold has no area; "
+            "must span every joint with as many cables as there are joints, or more"
+        )
     normals, offsets = zonotope.halfspaces()
     rows, right = -normals @ jacobian.T, offsets - normals @ torque
     if np.linalg.svd(jacobian, compute_uv=False)[-1] < 1e-9 * np.abs(jacobian).max() or len(torque) < 2:

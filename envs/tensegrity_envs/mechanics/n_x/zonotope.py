@@ -13,11 +13,14 @@ import math
 from collections.abc import Sequence
 from itertools import combinations
 
+import numpy as np
+
 from tensegrity_envs.compiler.namespace import Component, Components, Namespace
 
 # rows of entries; None where the cable does not act on the joint
 Table = Sequence[Sequence[Component | None]]
 _DEGENERATE = 1e-13  # of the normal's columns, relative
+_DEPENDENT = 1e-12  # of a singular value of the table with rows of length 1, relative
 _MOST = 1_000_000  # choices of columns: more take hours
 
 
@@ -65,6 +68,36 @@ def facet_normals(table: Table) -> list[list[Component | None]]:
         if any(component is not None for component in normal):
             normals.append([None if v is None else (v if j % 2 == 0 else -v) for j, v in enumerate(normal)])
     return normals
+
+
+def independent_rows(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal combinations of joints: those on which the cables act independently, and those on which none acts.
+
+    There are some of the latter where a joint is spanned by no cable, or where the cables are too few.
+
+    Args:
+        table: shape (n, m).
+
+    Returns:
+        shapes (n, rank) and (n, n - rank).
+    """
+    sizes = np.linalg.norm(table, axis=1)
+    left, singular, _ = np.linalg.svd(table / np.where(sizes > 0, sizes, 1.0)[:, None])
+    rank = int((singular > _DEPENDENT * singular[0]).sum())
+    if rank == len(table):
+        return np.eye(rank), np.empty((rank, 0))
+    null = left[:, rank:] / np.where(sizes > 0, sizes, 1.0)[:, None]  # of the table as it was given
+    whole, _ = np.linalg.qr(null, mode="complete")
+    return whole[:, len(table) - rank :], whole[:, : len(table) - rank]
+
+
+def reduced(table: np.ndarray, moments: np.ndarray, high: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """The same conditions table @ F = moments by independent rows; None where no F at all satisfies them."""
+    acted, free = independent_rows(table)
+    size = np.abs(table).sum(axis=1).max() * high
+    if (np.abs(moments @ free) > _DEPENDENT * size).any():
+        return None
+    return acted.T @ table, acted.T @ moments
 
 
 def largest_lower_bound(xp: Namespace, table: Table, moments: Components, high: Component) -> Component:
