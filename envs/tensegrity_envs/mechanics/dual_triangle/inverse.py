@@ -36,6 +36,11 @@ def inverse_kinematics(arm: DualTriangleKinematics, x: float, y: float, *first: 
     check_finite("target", (x, y), 2)
     if arm.segments < 2:
         raise ValueError("inverse_kinematics: the tip of one segment has no two coordinates to choose")
+    if len(first) != arm.segments - 2:
+        raise ValueError(
+            f"inverse_kinematics: {len(first)} angles besides the target: must be {arm.segments - 2} for "
+            f"{arm.segments} segments, all angles but the last two; redundancy(x, y, start) picks a configuration"
+        )
     check_finite("first", first, arm.segments - 2)
     wrist = arm.wrist((x, y), first)
     slop = 1e-13 * float(arm.link_lengths[-2] + arm.link_lengths[-1]) ** 2

@@ -45,8 +45,9 @@ class DualTriangleKinematics:
     """Geometry of an arm of one design, or of a batch of designs."""
 
     def __init__(self, design: DualTriangleDesign = ZHAO2021_CAPTION, segments: int = 3) -> None:
-        if isinstance(segments, bool) or not isinstance(segments, int):
+        if isinstance(segments, bool) or not isinstance(segments, int | np.integer):
             raise TypeError(f"segments = {segments!r}: must be an integer")
+        segments = int(segments)
         if segments < 1:
             raise ValueError(f"segments = {segments!r}: must be 1 or more")
         check_design(design, DualTriangleDesign, "ZHAO2021_CAPTION")

@@ -92,8 +92,8 @@ class DualTriangle(DualTriangleLoading):
             ValueError: a number is not finite, there are not 2 n free lengths, or the arm is a batch of designs.
         """
         check_single(self._probe, "equilibria")
-        check_finite("free_lengths", free_lengths, 2 * self.segments)
-        check_finite("load", load, max(len(load), 2))
+        check_numbers("free_lengths", free_lengths, 2 * self.segments)
+        check_numbers("load", load, max(len(load), 2))
         points = candidates(self, free_lengths, load)
         if self.design.springs == "cable" and any(load):
             points = np.concatenate([points, grid_of_starts(self)], axis=1)
