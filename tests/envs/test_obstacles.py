@@ -181,7 +181,8 @@ def test_the_cost_rises_where_it_is_not_safe():
 def test_bad_obstacles_are_named():
     make = "tensegrity/ThreeXObstacleReach-v0"
     for given, message in (
-        (0, "from 1 to 8"),
+        (0, "from 1 to 8 discs, or obstacles of your own, or 0 with own_bars=True"),
+        (9, "from 1 to 8"),
         (True, "number of discs"),
         ("three", "number of discs"),
         ([], "number of discs"),

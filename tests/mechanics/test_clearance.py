@@ -10,7 +10,16 @@ from tensegrity_envs.compiler.kernel import Kernel
 from tensegrity_envs.compiler.pytree import Schema
 from tensegrity_envs.geometry.clearance import Disc, Polygon, Wall, bars_of, clearance, segment_distance
 from tensegrity_envs.geometry.own_bars import own_pairs
-from tensegrity_envs.mechanics import MURALIDHARAN2022, NX, THREE_X, ZHAO2021_CAPTION, DualTriangle, SpatialPrism, TwoX
+from tensegrity_envs.mechanics import (
+    MURALIDHARAN2022,
+    NX,
+    THREE_X,
+    ZHAO2021_CAPTION,
+    DualTriangle,
+    PlanarFourBar,
+    SpatialPrism,
+    TwoX,
+)
 
 ARMS = {"two_x": TwoX(MURALIDHARAN2022), "three_x": NX(THREE_X), "five_triangles": DualTriangle(ZHAO2021_CAPTION, 5)}
 COUNT = 200
@@ -98,6 +107,13 @@ def test_bad_obstacles_are_explained():
     for spatial in (lambda: own_pairs(SpatialPrism()), lambda: clearance(SpatialPrism(), (0.0,) * 6, [disc])):
         with pytest.raises(TypeError, match=r"SpatialPrism: .* planar mechanisms"):
             spatial()
+    for own in (True, "bar 1", [("bar 1", "bar 8", "bar 9")]):
+        with pytest.raises(TypeError, match=r"own = .*: must be pairs of names of bars; own_bars.own_pairs"):
+            clearance(ARMS["two_x"], (0.0, 0.0), [disc], own=own)
+    with pytest.raises(TypeError, match=r"mechanism = NXDesign.*: must have nodes and members"):
+        clearance(THREE_X, (0.0,) * 3, [disc])
+    with pytest.raises(TypeError, match="PlanarFourBar: its nodes depend on its lengths: give them as inputs"):
+        clearance(PlanarFourBar(), (0.1, 0.2), [disc])
 
 
 @pytest.mark.parametrize("size", [1e-320, 1e-170, 3.0, 1e170, 1e308])

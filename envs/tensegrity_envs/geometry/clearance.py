@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_envs.compiler.namespace import Component, namespace_of
+from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar
 
 Point = tuple[Component, Component]
 Segment = tuple[Point, Point]
@@ -208,8 +209,12 @@ def bars_of(mechanism: Any, q: Sequence[Component], inputs: Any = None) -> dict[
     """The bars of a planar mechanism in a configuration, by name: those of its members that keep their length.
 
     Raises:
-        TypeError: the mechanism is spatial.
+        TypeError: it is no mechanism, or a spatial one, or its nodes need inputs.
     """
+    if not (hasattr(mechanism, "nodes") and hasattr(mechanism, "members")):
+        raise TypeError(f"mechanism = {mechanism!r}: must have nodes and members, such as NX(THREE_X)")
+    if inputs is None and isinstance(mechanism, PlanarFourBar):
+        raise TypeError(f"{type(mechanism).__name__}: its nodes depend on its lengths: give them as inputs")
     nodes = mechanism.nodes(q) if inputs is None else mechanism.nodes(q, inputs)
     if any(len(node) != 2 for node in nodes.values()):
         raise TypeError(f"{type(mechanism).__name__}: its nodes have three coordinates; this is for planar mechanisms")
@@ -249,10 +254,13 @@ def clearance(
         own: names of pairs of bars that must not touch each other; see `own_bars.own_pairs`.
 
     Raises:
-        TypeError: the obstacles are no sequence of obstacles.
+        TypeError: the obstacles are no sequence of obstacles, the pairs none of names, the mechanism is none in a
+            plane, or its nodes need inputs.
         ValueError: there are no obstacles and no pairs, or a pair names a bar that there is not.
     """
     check_obstacles(obstacles)
+    if not (isinstance(own, list | tuple) and all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in own)):
+        raise TypeError(f"own = {own!r}: must be pairs of names of bars; own_bars.own_pairs(mechanism) gives them")
     if not obstacles and not own:
         raise ValueError("obstacles: must be one or more")
     bars = bars_of(mechanism, q, inputs)

@@ -27,7 +27,10 @@ def checked_obstacles(given: object, may_be_none: bool = False) -> int | tuple[O
         return ()
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
         if not 1 <= given <= MOST:
-            raise ValueError(f"obstacles = {given!r}: must be from 1 to {MOST} discs, or obstacles of your own")
+            besides = "" if given else ", or 0 with own_bars=True"
+            raise ValueError(
+                f"obstacles = {given!r}: must be from 1 to {MOST} discs, or obstacles of your own{besides}"
+            )
         return int(given)
     if not isinstance(given, list | tuple) or not given:
         raise ValueError(
