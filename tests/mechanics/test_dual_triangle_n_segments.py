@@ -119,7 +119,7 @@ def test_loads_of_a_wrong_size_are_named():
 
 def test_numbers_of_segments_and_angles_are_named():
     assert DualTriangle(segments=np.int64(4)).input_names == DualTriangle(segments=4).input_names
-    with pytest.raises(ValueError, match=r"0 angles besides the target: must be 2 for 4 segments.*redundancy"):
+    with pytest.raises(ValueError, match=r"first: 0 numbers, must be 2: all angles but the last two.*redundancy"):
         DualTriangle(segments=4).inverse_kinematics(0.2, 0.05)
     with pytest.raises(ValueError, match=r"free_lengths = .*: must be single numbers, not arrays"):
         DualTriangle(segments=1).equilibria((np.array([0.05, 0.04]), 0.05))

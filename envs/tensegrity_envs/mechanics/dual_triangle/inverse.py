@@ -37,9 +37,10 @@ def inverse_kinematics(arm: DualTriangleKinematics, x: float, y: float, *first: 
     if arm.segments < 2:
         raise ValueError("inverse_kinematics: the tip of one segment has no two coordinates to choose")
     if len(first) != arm.segments - 2:
+        given, wanted = len(first), arm.segments - 2
         raise ValueError(
-            f"inverse_kinematics: {len(first)} angles besides the target: must be {arm.segments - 2} for "
-            f"{arm.segments} segments, all angles but the last two; redundancy(x, y, start) picks a configuration"
+            f"first: {given} number{'s' * (given != 1)}, must be {wanted}: all angles but the last two; "
+            "redundancy(x, y, start) picks a configuration"
         )
     check_finite("first", first, arm.segments - 2)
     wrist = arm.wrist((x, y), first)
