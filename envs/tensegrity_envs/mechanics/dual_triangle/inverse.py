@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from tensegrity_envs.compiler.namespace import Component
-from tensegrity_envs.mechanics.checks import check_finite, check_single
+from tensegrity_envs.mechanics.checks import check_count, check_finite, check_single
 from tensegrity_envs.mechanics.dual_triangle.kinematics import DualTriangleKinematics
 
 
@@ -36,12 +36,8 @@ def inverse_kinematics(arm: DualTriangleKinematics, x: float, y: float, *first: 
     check_finite("target", (x, y), 2)
     if arm.segments < 2:
         raise ValueError("inverse_kinematics: the tip of one segment has no two coordinates to choose")
-    if len(first) != arm.segments - 2:
-        given, wanted = len(first), arm.segments - 2
-        raise ValueError(
-            f"first: {given} number{'s' * (given != 1)}, must be {wanted}: all angles but the last two; "
-            "redundancy(x, y, start) picks a configuration"
-        )
+    names = "all angles but the last two; redundancy(x, y, start) picks a configuration"
+    check_count("first", first, arm.segments - 2, names=names)
     check_finite("first", first, arm.segments - 2)
     wrist = arm.wrist((x, y), first)
     slop = 1e-13 * float(arm.link_lengths[-2] + arm.link_lengths[-1]) ** 2
