@@ -22,7 +22,10 @@ from tensegrity_agents import env_options
 from tensegrity_agents.controllers import baselines_of, teachers_of
 from tensegrity_agents.controllers.model_features import ModelFeatures
 from tensegrity_agents.own_modules import own_module
+from tensegrity_agents.sb3.correction import Correction
 from tensegrity_agents.yaml_file import ConfigError, read_yaml
+from tensegrity_envs.env import unwrapped
+from tensegrity_envs.simulation.dynamic import check_smooth
 
 __all__ = ["ConfigError", "Experiment", "TrainConfig", "did_you_mean", "known_env", "load_experiment"]
 
@@ -93,6 +96,23 @@ class TeacherSettings(_Strict):
     )
 
 
+class CorrectionSettings(_Strict):
+    """The agent corrects what an analytic controller has planned. See `sb3.correction`."""
+
+    controller: str = Field(description="that plans the inputs at full speed, such as closed_form_plan")
+    by: float = Field(4.0, gt=0, description="largest correction, in steps of the inputs' rate")
+
+
+class GradientSettings(_Strict):
+    """Training through the gradient of the dynamics, before PPO begins. See `sb3.descent`."""
+
+    timesteps: int = Field(ge=1, description="environment steps through which gradients go, the first of all")
+    num_envs: int = Field(256, ge=1, description="episodes in one gradient")
+    horizon: int = Field(40, ge=2, description="steps of each, from its beginning on")
+    learning_rate: float = Field(1e-3, gt=0, description="at the start; falls linearly to zero")
+    substeps: int = Field(5, ge=1, description="time steps in each step")
+
+
 class PrivilegedSettings(_Strict):
     """What training alone is told: load, draws of the episode and the true state. See `sb3.privileged`."""
 
@@ -155,6 +175,12 @@ class TrainConfig(_Strict):
     )
     teacher: TeacherSettings | None = Field(
         None, description="shows the agent what to do before PPO begins; see sb3.teacher_student"
+    )
+    corrects: CorrectionSettings | None = Field(
+        None, description="an analytic controller's plan, which the agent's actions correct; see sb3.correction"
+    )
+    gradient: GradientSettings | None = Field(
+        None, description="of the dynamics, by which the agent is trained before PPO begins; see sb3.descent"
     )
     privileged: PrivilegedSettings | None = Field(
         None, description="hidden numbers for the value function and for an estimate while training; ppo only"
@@ -305,6 +331,26 @@ class Experiment(_Strict):
             raise ValueError(
                 f"teacher.controller: no {teacher.controller!r} for {self.env}; there are {', '.join(known)}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _plan_fits(self) -> "Experiment":
+        train = self.train
+        if train.corrects is not None:
+            Correction(self.env, self.options, train.corrects.controller, train.corrects.by)
+            if not train.is_on_policy:
+                raise ValueError(f"corrects: needs algorithm: ppo or recurrent_ppo, not {train.algorithm}")
+        if train.gradient is not None:
+            if train.algorithm != "ppo" or train.teacher is not None or train.privileged is not None:
+                raise ValueError("gradient: needs algorithm: ppo, without teacher and privileged")
+            if train.model_hints or train.goal_is_angles:
+                raise ValueError("gradient: does not go with model_hints: true and goal_is_angles: true")
+            if train.gradient.timesteps > train.total_timesteps:
+                raise ValueError(f"gradient.timesteps: at most total_timesteps, {train.total_timesteps}")
+            try:
+                check_smooth(unwrapped(gym.make(self.env, **self.training_options)).core)
+            except ValueError as error:
+                raise ValueError(f"gradient: {error}") from error
         return self
 
     @model_validator(mode="after")

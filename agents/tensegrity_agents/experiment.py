@@ -38,6 +38,9 @@ def agent_name(experiment: Experiment) -> str:
     train = experiment.train
     algorithm = {"recurrent_ppo": "recurrent PPO", "crossq": "CrossQ"}.get(train.algorithm, train.algorithm.upper())
     name = f"{algorithm} agent{' with model-based features' if train.model_hints else ''}"
+    if train.gradient is not None:
+        alone = train.gradient.timesteps >= train.total_timesteps
+        return "agent trained by gradient" if alone else f"{name} trained by gradient first"
     if train.teacher is None:
         return name
     return f"taught {name}" if train.teacher.timesteps < train.total_timesteps else "taught agent"

@@ -67,6 +67,10 @@ class ModelFeatures:
         whole = np.concatenate([batch["observation"], features], axis=1).astype(np.float32)
         return {**observation, "observation": whole[0] if single else whole}, memory
 
+    def applied(self, memory: Any, actions: np.ndarray) -> np.ndarray:
+        """What is done where the agent says this: this."""
+        return actions
+
     def acted(self, memory: Any, actions: np.ndarray) -> Any:
         """See `augmented.Augmentation`; actions are not remembered."""
         return memory

@@ -21,6 +21,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError, solve_discrete_are
 
+from tensegrity_agents.controllers.base import Observation
 from tensegrity_agents.controllers.dynamic import Base, Memory, Planned, RampMemory
 from tensegrity_agents.controllers.input_shaping import Shaper, shaped, vibration_of
 from tensegrity_envs.core import Core
@@ -39,6 +40,11 @@ class FullSpeed(Planned[Memory]):
     def __init__(self, core: Core, base: Base, adds: str) -> None:
         super().__init__(core, base, adds)
         self.pace = "full"
+
+    def plan_for(self, observation: Observation) -> np.ndarray:
+        """Inputs after each step of episodes that begin with these observations, shape (n, steps, inputs)."""
+        observed = self.decode(observation)
+        return self._plan(observed, np.arange(len(observed)))
 
     def _prepared(
         self, observed: DecodedObservation, index: np.ndarray
@@ -71,6 +77,27 @@ class FullSpeed(Planned[Memory]):
             q = np.where(near[:, None], rest, q)
             found.append(q)
         return np.stack(found, axis=1)
+
+
+class FullSpeedPlan(FullSpeed[RampMemory]):
+    """The plan at full speed and nothing else: the inputs are there first, and the arm swings. Agents correct it.
+
+    Args:
+        core: of the environment.
+        base: makes the quasi-static controller.
+    """
+
+    def __init__(self, core: Core, base: Base) -> None:
+        super().__init__(core, base, "full speed")
+
+    def initial(self, observed: DecodedObservation, index: np.ndarray) -> RampMemory:
+        """See `AnalyticController.initial`."""
+        return RampMemory(self._plan(observed, index), np.zeros(len(index), int))
+
+    def _act(self, observed: DecodedObservation, memory: RampMemory) -> tuple[np.ndarray, RampMemory]:
+        rows = np.arange(len(memory.step))
+        wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
+        return np.clip(self.action_to(wanted, observed.inputs), -1.0, 1.0), memory._replace(step=memory.step + 1)
 
 
 class Shaped(FullSpeed[RampMemory]):

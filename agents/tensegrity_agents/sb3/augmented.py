@@ -30,8 +30,12 @@ class Augmentation(Protocol):
         """
         ...
 
+    def applied(self, memory: Any, actions: np.ndarray) -> np.ndarray:
+        """What is done where the agent says this, shape (n, action size), or that of one environment."""
+        ...
+
     def acted(self, memory: Any, actions: np.ndarray) -> Any:
-        """What to remember after these actions, shape (n, action size), or that of one environment."""
+        """What to remember after this was done, shape (n, action size), or that of one environment."""
         ...
 
 
@@ -56,6 +60,7 @@ class AugmentedVecEnv(VecEnvWrapper):
 
     def step_async(self, actions: np.ndarray) -> None:
         """Remember the actions, shape (environments, action size), and hand them on."""
+        actions = self.augmentation.applied(self.memory, actions)
         self.memory = self.augmentation.acted(self.memory, actions)
         self.venv.step_async(actions)
 

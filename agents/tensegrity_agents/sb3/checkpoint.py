@@ -12,7 +12,14 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-from tensegrity_agents.config import OffPolicySettings, PPOSettings, TeacherSettings, TrainConfig
+from tensegrity_agents.config import (
+    CorrectionSettings,
+    GradientSettings,
+    OffPolicySettings,
+    PPOSettings,
+    TeacherSettings,
+    TrainConfig,
+)
 from tensegrity_agents.sb3 import random_numbers
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.errors import TrainingError
@@ -176,7 +183,14 @@ def with_later_settings(before: dict[str, Any], described: dict[str, Any]) -> di
     """Settings as they were recorded, completed by those that came later, which had their default then."""
     later: dict[str, Any] = {"options": {}} | _defaults(TrainConfig)
     settings = {key: later[key] for key in described if key in later} | before
-    for key, model in (("ppo", PPOSettings), ("off_policy", OffPolicySettings), ("teacher", TeacherSettings)):
+    parts: dict[str, type[BaseModel]] = {
+        "ppo": PPOSettings,
+        "off_policy": OffPolicySettings,
+        "teacher": TeacherSettings,
+        "corrects": CorrectionSettings,
+        "gradient": GradientSettings,
+    }
+    for key, model in parts.items():
         if isinstance(before.get(key), dict):
             settings[key] = _defaults(model) | before[key]
     return settings

@@ -106,6 +106,10 @@ class History:
         told, later = remembered(np, now, memory, fresh)
         return {**observation, "observation": told[0] if single else told}, later
 
+    def applied(self, memory: Past, actions: np.ndarray) -> np.ndarray:
+        """What is done where the agent says this: this."""
+        return actions
+
     def acted(self, memory: Past, actions: np.ndarray) -> Past:
         """The past with the actions, shape (n, action size) or of one environment, that were taken now."""
         latest = np.clip(np.reshape(actions, (-1, self.action_size)), -1.0, 1.0).astype(np.float32)

@@ -26,6 +26,7 @@ from stable_baselines3.td3.policies import MultiInputPolicy as TD3Policy
 
 from tensegrity_agents.controllers.model_features import ModelFeatures
 from tensegrity_agents.sb3.augmented import Augmentation
+from tensegrity_agents.sb3.correction import Correction
 from tensegrity_agents.sb3.features import GoalErrorExtractor
 from tensegrity_agents.sb3.flat import Flattening
 from tensegrity_agents.sb3.history import History
@@ -103,10 +104,9 @@ class TrainedPolicy:
         remembers = description.get("history") or description["algorithm"] == "recurrent_ppo"
         remembered = "what it observes and has observed in the episode" if remembers else ""
         sees = told if description.get("model_hints") else remembered or "only what it observes"
-        has_teacher = (description.get("train") or {}).get("teacher")
-        self.knows = (
-            f"{sees}; {'taught by a planner that knows more, and ' if has_teacher else ''}trained by trial and error"
-        )
+        if description.get("corrects"):
+            sees += f", and the plan of {description['corrects']['controller']}, which it corrects"
+        self.knows = f"{sees}; {_how_trained(description.get('train') or {})}"
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -123,16 +123,31 @@ class TrainedPolicy:
         else:
             seen = self.normalization.of_flat(self.flattening(observation))
         actions, hidden = self.policy.predict(seen, hidden, episode_start, deterministic)
-        pairs = zip(self.augmentations, memories, strict=True)
-        after = [augmentation.acted(memory, actions) for augmentation, memory in pairs]
+        after: list[Any] = []
+        for augmentation, memory in reversed(list(zip(self.augmentations, memories, strict=True))):
+            actions = augmentation.applied(memory, actions)
+            after.insert(0, augmentation.acted(memory, actions))
         return actions, (after, hidden) if after or hidden is not None else None
+
+
+def _how_trained(train: Mapping[str, Any]) -> str:
+    """In words, for tables."""
+    means = []
+    if train.get("teacher"):
+        means.append("taught by a planner that knows more")
+    if train.get("gradient"):
+        means.append("trained by the gradient of the dynamics")
+    first = train.get("gradient")
+    if not first or first["timesteps"] < train["total_timesteps"]:
+        means.append("trained by trial and error")
+    return ", and ".join(means)
 
 
 def augmentations(description: Mapping[str, Any]) -> list[Augmentation]:
     """What is appended to observations, in this order, according to the description of a policy or its training.
 
     Args:
-        description: with "env" and "options"; "model_hints" and "history" count.
+        description: with "env" and "options"; "model_hints", "history" and "corrects" count.
 
     Raises:
         ValueError: there are no model-based features for the environment.
@@ -144,6 +159,10 @@ def augmentations(description: Mapping[str, Any]) -> list[Augmentation]:
         space = found[-1].space(space)
     if description.get("history"):
         found.append(History.of(int(description["history"]), space, action_space))
+    if description.get("corrects"):
+        corrects = description["corrects"]
+        planner = str(corrects["controller"]), float(corrects["by"])
+        found.append(Correction(description["env"], description.get("options"), *planner))
     return found
 
 
@@ -202,15 +221,19 @@ def plain_policy(description: Mapping[str, Any]) -> Any:
 
 
 def _is_taught_only(description: Mapping[str, Any]) -> bool:
-    """Whether a teacher has trained the policy all the way, so that its value function is that of the beginning."""
+    """Whether a teacher or the gradient of the dynamics has trained the policy all the way, so that its value function
+    is that of the beginning.
+    """
     train = description.get("train") or {}
-    return bool(train.get("teacher")) and train["teacher"]["timesteps"] >= train["total_timesteps"]
+    first = train.get("teacher") or train.get("gradient")
+    return first is not None and first["timesteps"] >= train["total_timesteps"]
 
 
 def save_policy(folder: Path, agent: TrainedPolicy) -> None:
     """Write policy.safetensors and policy.json into a folder, each whole or not at all.
 
-    Of a policy that a teacher alone has trained, the value function, which nothing has trained, is left out.
+    Of a policy that a teacher or a gradient alone has trained, the value function, which nothing has trained, is left
+    out.
 
     Args:
         folder: is created.

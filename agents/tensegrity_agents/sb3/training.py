@@ -46,6 +46,7 @@ from tensegrity_agents.sb3.curve import (
     read_curve,
     write_curve,
 )
+from tensegrity_agents.sb3.descent import Descent
 from tensegrity_agents.sb3.errors import TrainingError, TrainingInterruptedError
 from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, plain_policy, save_policy
 from tensegrity_agents.sb3.privileged import PrivilegedPolicy, actor_of
@@ -91,12 +92,17 @@ class _Training(BaseCallback):
         self.episodes = CompleteEpisodes(self.env.num_envs, None if limit == -1 else limit, self.on_policy)
         self.evaluate = Evaluations(experiment)
         self.lessons: Lessons | None = None
-        self.taught = 0  # time steps
+        self.descent: Descent | None = None
+        self.taught = 0  # time steps by a teacher or a gradient
         if self.settings.teacher is not None:
             assert isinstance(self.algorithm, PPO)
             shell = adapter_of(self.env).shell
             self.lessons = Lessons(experiment, self.algorithm, self.env, shell)
             self.taught = self.lessons.timesteps
+        if self.settings.gradient is not None:
+            assert isinstance(self.algorithm, PPO)
+            self.descent = Descent(experiment, self.algorithm, self.env, seed)
+            self.taught = self.descent.timesteps
         self.rows: list[list[float]] = []
         self.evaluations: list[list[float]] = []
         self.segment, self.segment_end = 0, 0
@@ -123,10 +129,11 @@ class _Training(BaseCallback):
                     f"{path}: does not fit ({error}); delete it (or use --fresh) to start anew"
                 ) from error
             self.segment_end = found.segment_end
-        if self.lessons is not None and found.segment > 0:
-            self.lessons = None
-        elif self.lessons is not None and found.teaching is not None:
-            self.lessons.go_on(found.teaching)
+        if found.segment > 0:
+            self.lessons = self.descent = None
+        first = self.lessons or self.descent
+        if first is not None and found.teaching is not None:
+            first.go_on(found.teaching)
 
     def run(self) -> None:
         """Train to the end.
@@ -139,6 +146,8 @@ class _Training(BaseCallback):
         with stopping() as self.stop:
             if self.lessons is not None:
                 self._be_taught(self.lessons)
+            if self.descent is not None:
+                self._descend(self.descent)
             while model.num_timesteps < total:
                 if model.num_timesteps >= self.segment_end:
                     _reseed(model, self.env, self.seed, self.segment)
@@ -161,17 +170,35 @@ class _Training(BaseCallback):
 
     def _be_taught(self, lessons: Lessons) -> None:
         """The first segment of a training with a teacher."""
-        model = self.algorithm
-        if lessons.round == 0:
-            _reseed(model, self.env, self.seed, self.segment)
-            self.episodes.reset()
-            lessons.begin()
-            self.segment_end = self.taught
+        self._begin_first(lessons)
         while lessons.round < lessons.rounds:
             self._between_rollouts()
             lessons.give(self._after_step)
-        self.lessons, self.segment = None, self.segment + 1
-        if model.num_timesteps >= self.settings.total_timesteps:
+        self.lessons = None
+        self._end_first()
+
+    def _descend(self, descent: Descent) -> None:
+        """The first segment of a training by the gradient of the dynamics."""
+        self._begin_first(descent)
+        while descent.round < descent.rounds:
+            self._between_rollouts()
+            descent.give()
+            self._report(descent.success)
+        self.descent = None
+        self._end_first()
+
+    def _begin_first(self, first: Lessons | Descent) -> None:
+        """Begin a first segment that is not PPO's."""
+        if first.round == 0:
+            _reseed(self.algorithm, self.env, self.seed, self.segment)
+            self.episodes.reset()
+            first.begin()
+            self.segment_end = self.taught
+
+    def _end_first(self) -> None:
+        """Go on to PPO, or to the end."""
+        self.segment += 1
+        if self.algorithm.num_timesteps >= self.settings.total_timesteps:
             self._evaluate()
         self._keep(within=False)
 
@@ -189,6 +216,7 @@ class _Training(BaseCallback):
             "goal_scale": settings.goal_scale,
             "model_hints": settings.model_hints,
             "history": settings.history,
+            "corrects": None if settings.corrects is None else settings.corrects.model_dump(mode="json"),
             "lstm_hidden_size": settings.lstm_hidden_size,
             "seed": self.seed,
             "timesteps": self.algorithm.num_timesteps,
@@ -238,13 +266,17 @@ class _Training(BaseCallback):
         now = time.monotonic()
         if now - self.shown < (1.0 if self.on_policy else 5.0):
             return
-        self.shown = now
         means = self.episodes.means()
         if means is not None:
             self.rows.append([now - self.begun, float(self.algorithm.num_timesteps), *means])
+        self._report(float("nan") if means is None else means[0])
+
+    def _report(self, success: float) -> None:
+        """Show how far the training has come, and the success of its latest episodes."""
+        self.shown = time.monotonic()
         if self.report is not None:
             done, total = self.algorithm.num_timesteps, self.settings.total_timesteps
-            self.report(min(done, total), total, float("nan") if means is None else means[0])
+            self.report(min(done, total), total, success)
 
     def _evaluate(self) -> None:
         """Add a point to the curve without noise; neither time nor random numbers of the training are spent."""
@@ -268,7 +300,8 @@ class _Training(BaseCallback):
         seconds, episodes = time.monotonic() - self.begun, self.episodes.state()
         write_curve(self.folder / CURVE, self.rows)
         write_curve(self.folder / EVALUATIONS, self.evaluations)
-        teaching = self.lessons.state() if within and self.lessons is not None else None
+        first = self.lessons or self.descent
+        teaching = first.state() if within and first is not None else None
         so_far = Progressed(seconds, segment, end, self.rows, self.evaluations, episodes, running, teaching)
         keep(self.folder / CHECKPOINT, self.described, model, env, so_far)
         self.saved = time.monotonic()

@@ -76,6 +76,7 @@ _SCALAR: Any = SimpleNamespace(
     isfinite=math.isfinite,
 )
 _TORCH: list[Namespace] = []
+_JAX: list[Namespace] = []
 
 
 def _torch_namespace() -> Namespace:
@@ -102,6 +103,14 @@ def _torch_namespace() -> Namespace:
     return _TORCH[0]
 
 
+def _jax_namespace() -> Namespace:
+    if not _JAX:
+        jnp = sys.modules["jax.numpy"]
+        same = ("sin", "cos", "sqrt", "log", "hypot", "minimum", "maximum", "where", "isfinite")
+        _JAX.append(SimpleNamespace(atan2=jnp.arctan2, **{name: getattr(jnp, name) for name in same}))
+    return _JAX[0]
+
+
 def namespace_of(*components: Component) -> Namespace:
     """The namespace for these components: Torch if any is a tensor, NumPy if any is an array, else `math`.
 
@@ -110,6 +119,7 @@ def namespace_of(*components: Component) -> Namespace:
     """
     found: Namespace = _SCALAR
     tensor = False
+    jax = False
     for component in components:
         kind = type(component)
         if kind is float or kind is int:
@@ -121,6 +131,10 @@ def namespace_of(*components: Component) -> Namespace:
             return traced
         elif is_tensor(component):
             tensor = True
+        elif is_jax(component):
+            jax = True
+    if jax:
+        return _jax_namespace()
     if not tensor:
         return found
     if found is np:
@@ -142,12 +156,19 @@ def to_single(component: Component) -> Component:
         return component.astype(np.float32).astype(float)
     if hasattr(type(component), "namespace"):
         return type(component).namespace.single(component)
+    if is_jax(component):
+        return component.astype(np.float32).astype(component.dtype)
     return float(np.float32(component))
 
 
 def is_tensor(component: object) -> bool:
     """Whether a component is a Torch tensor."""
     return type(component).__module__.startswith("torch")
+
+
+def is_jax(component: object) -> bool:
+    """Whether a component is an array of JAX, or what stands for one while a function is traced."""
+    return type(component).__module__.startswith("jax")
 
 
 def detached(component: Component) -> Component:

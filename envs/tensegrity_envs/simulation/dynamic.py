@@ -87,6 +87,21 @@ class Drivable(Protocol):
         ...
 
 
+def check_smooth(core: Any) -> None:
+    """See that the dynamics of an environment can be differentiated; see `simulation.smooth`.
+
+    Args:
+        core: of the environment.
+
+    Raises:
+        ValueError: it is quasi-static, or has prismatic actuators or a platform.
+    """
+    if core.engine is None:
+        raise ValueError("a quasi-static environment has no dynamics to differentiate")
+    if core.engine.model.linkage.space != 2 or any(member.kind == "actuator" for member in core.nominal.members):
+        raise ValueError("dynamics with prismatic actuators or a platform cannot be differentiated yet")
+
+
 class DynamicControl:
     """Actions are increments of the inputs, as in a quasi-static simulation; the mechanism follows with its inertia.
 

@@ -20,7 +20,7 @@ from tensegrity_agents.controllers.dynamic import Feedback, Ramp
 from tensegrity_agents.controllers.dynamic_servo import OwnRamp, RestingRamp
 from tensegrity_agents.controllers.lqg import LQG
 from tensegrity_agents.controllers.mpc import MPC
-from tensegrity_agents.controllers.regulated import Regulated, Shaped
+from tensegrity_agents.controllers.regulated import FullSpeedPlan, Regulated, Shaped
 
 __all__ = [
     "BASELINES",
@@ -76,6 +76,7 @@ DYNAMIC["DualTriangleFastReach"] = {
     "pseudo_inverse": partial(Feedback, base=PseudoInverse),
     "observer": partial(Ramp, base=Observer),
     "identifying_observer": partial(RestingRamp, base=Observer),
+    "closed_form_plan": partial(FullSpeedPlan, base=ClosedFormSquares),
     "closed_form_shaped": partial(Shaped, base=ClosedFormSquares),
     "lqr": partial(Regulated, base=Observer),
     "lqg": partial(LQG, base=ClosedFormSquares, softness=1.0, smoothing=8),  # tuned at level 2

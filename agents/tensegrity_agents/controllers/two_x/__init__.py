@@ -8,7 +8,7 @@ from tensegrity_agents.controllers.dynamic_servo import OwnRamp
 from tensegrity_agents.controllers.integral_ramp import IntegralRamp
 from tensegrity_agents.controllers.lqg import LQG
 from tensegrity_agents.controllers.mpc import MPC
-from tensegrity_agents.controllers.regulated import Regulated, Shaped
+from tensegrity_agents.controllers.regulated import FullSpeedPlan, Regulated, Shaped
 from tensegrity_agents.controllers.two_x import posture
 from tensegrity_agents.controllers.two_x.beliefs import TwoXBeliefs
 from tensegrity_agents.controllers.two_x.informed import Informed
@@ -60,6 +60,7 @@ DYNAMIC: Makers = {
 DYNAMIC["TwoXFastReach"] = {
     "closed_form_ramp": partial(Ramp, base=ClosedFormIK),
     "pseudo_inverse": partial(Feedback, base=PseudoInverse, slowed=0.1),
+    "closed_form_plan": partial(FullSpeedPlan, base=ClosedFormIK),
     "closed_form_shaped": partial(Shaped, base=ClosedFormIK),
     "lqr": partial(Regulated, base=Observer, shaper=None, softness=10.0),
     "lqg": partial(LQG, base=ClosedFormIK),

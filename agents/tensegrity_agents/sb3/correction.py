@@ -1,0 +1,148 @@
+"""An agent that corrects an analytic controller's plan: residual learning [Johannink2019] about a path of inputs.
+
+The controller, one of those that plan the inputs of an episode when it begins (`controllers.regulated.FullSpeed`), says
+where the inputs u are to be after each step, u*_k. The agent's output d moves that by up to `by` steps of the inputs'
+rate, and the environment's action is
+
+    a_k = clip((u*_k - u_k) / rate + by d_k, -1, 1),    u_(k+1) = clip(u_k + rate a_k).
+
+u is the controller's own command: where a delay holds actions back, measured inputs would ask for the same step twice.
+Appended to the entry "observation" are, in steps, how far the command is from u*_k, from where it is to be two steps
+later, and from the plan's end. At the plan's end and with d = 0 the inputs rest where the controller has them.
+
+[Johannink2019] Johannink, Bahl, Nair, Luo, Kumar, Loskyll, Ojea, Solowjow, Levine, "Residual reinforcement learning for
+robot control", ICRA 2019.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.controllers.base import beginning
+from tensegrity_agents.controllers.regulated import FullSpeed
+from tensegrity_envs.env import unwrapped
+
+_STEPS = 40  # of a plan that are kept; it rests after half as many
+_NEAR, _FAR = 3.0, 10.0  # steps that are shown as 1, of what is near along the plan and of its end
+_MOST = 3.0  # what is shown of the former at most
+_LATER = 2  # steps
+
+
+class Course(NamedTuple):
+    """What is remembered of n episodes.
+
+    Attributes:
+        plan: inputs after each step, shape (n, steps, inputs).
+        command: the inputs that have been asked for, shape (n, inputs).
+        step: of the episode, shape (n,).
+    """
+
+    plan: Any
+    command: Any
+    step: Any
+
+
+class Correction:
+    """Shows an agent the plan of a controller, and makes the environment's actions of the agent's corrections.
+
+    Args:
+        env_id: Gymnasium id.
+        options: of the environment.
+        controller: name of the controller, see `controllers.baselines_of`.
+        by: largest correction, in steps of the inputs' rate.
+
+    Raises:
+        ValueError: the controller does not plan inputs.
+    """
+
+    def __init__(self, env_id: str, options: Mapping[str, Any] | None, controller: str, by: float) -> None:
+        planner = make_controller(controller, env_id, options)
+        if not isinstance(planner, FullSpeed):
+            raise ValueError(f"corrects: {controller!r} of {env_id} makes no plan of the inputs at full speed")
+        core = unwrapped(gym.make(env_id, **(options or {}))).core
+        self.planner, self.by = planner, by
+        simulation: Any = core.simulation
+        self.rate, self.size = float(simulation.rate), int(simulation.action_size)
+        self.low, self.high = (float(bound) for bound in simulation.bounds(core.nominal))
+        self._observed = core.schema.size
+
+    def space(self, space: spaces.Dict) -> spaces.Dict:
+        """The observation space with what is shown of the plan."""
+        size = int(np.prod(space["observation"].shape or ())) + 3 * self.size
+        return spaces.Dict({**space.spaces, "observation": spaces.Box(-np.inf, np.inf, (size,), np.float32)})
+
+    def __call__(
+        self, observation: dict[str, Any], memory: Course | None = None, begins: np.ndarray | None = None
+    ) -> tuple[dict[str, Any], Course]:
+        """The observation or batch of n observations with what is shown of the plan, and what to remember.
+
+        Args:
+            observation: Dict of arrays, whatever else was appended to it.
+            memory: what `acted` returned; None at first.
+            begins: which of them begin an episode, shape (n,); by default all.
+        """
+        single = np.ndim(observation["observation"]) == 1
+        batch = {key: np.atleast_2d(np.asarray(value, np.float32)) for key, value in observation.items()}
+        n = len(batch["observation"])
+        fresh = np.flatnonzero(beginning(n, memory, begins))
+        if memory is None:
+            empty = np.zeros((n, _STEPS, self.size), np.float32)
+            memory = Course(empty, empty[:, 0], np.zeros(n, np.int64))
+        if len(fresh):
+            begun = self.begun({key: value[fresh] for key, value in batch.items()})
+            memory = Course(*(_with_rows(old, fresh, new) for old, new in zip(memory, begun, strict=True)))
+        told = np.concatenate([batch["observation"], self.shown(np, memory)], axis=1)
+        return {**observation, "observation": told[0] if single else told}, memory
+
+    def begun(self, observation: dict[str, np.ndarray]) -> Course:
+        """What is remembered of episodes that begin with these observations, shape (n, ...)."""
+        own = {**observation, "observation": observation["observation"][:, : self._observed]}
+        inputs = self.planner.decode(own).inputs.astype(np.float32)
+        plan = self.planner.plan_for(own)[:, :_STEPS].astype(np.float32)
+        return Course(plan, inputs, np.zeros(len(plan), np.int64))
+
+    def shown(self, xp: Any, course: Course) -> Any:
+        """What is appended to observations, shape (n, 3 inputs).
+
+        Args:
+            xp: numpy or torch, whose arrays are in the memory.
+            course: the memory.
+        """
+        near = [self._off(xp, course, later) / _NEAR for later in (0, _LATER)]
+        end = (course.plan[:, -1] - course.command) / (_FAR * self.rate)
+        return xp.concatenate([*(xp.clip(part, -_MOST, _MOST) for part in near), end], axis=1)
+
+    def action(self, xp: Any, course: Course, corrections: Any) -> Any:
+        """The environment's actions, shape (n, inputs), for corrections within [-1, 1]."""
+        return xp.clip(self._off(xp, course, 0) + self.by * corrections, -1.0, 1.0)
+
+    def after(self, xp: Any, course: Course, actions: Any) -> Course:
+        """What is remembered after actions of the environment."""
+        command = xp.clip(course.command + self.rate * actions, self.low, self.high)
+        return course._replace(command=command, step=course.step + 1)
+
+    def _off(self, xp: Any, course: Course, later: int) -> Any:
+        """How far the command is from the plan, in steps of the rate."""
+        steps = xp.clip(course.step + later, 0, course.plan.shape[1] - 1)
+        rows = xp.arange(len(steps))
+        return (course.plan[rows, steps] - course.command) / self.rate
+
+    def applied(self, memory: Course, actions: np.ndarray) -> np.ndarray:
+        """The environment's actions for those of the agent, of shape (n, inputs) or of one environment."""
+        corrections = np.reshape(actions, (-1, self.size)).astype(np.float32)
+        given: np.ndarray = self.action(np, memory, corrections)
+        return given.reshape(np.shape(actions))
+
+    def acted(self, memory: Course, actions: np.ndarray) -> Course:
+        """What to remember after these actions of the environment."""
+        return self.after(np, memory, np.reshape(actions, (-1, self.size)).astype(np.float32))
+
+
+def _with_rows(values: np.ndarray, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
+    changed = values.copy()
+    changed[rows] = new
+    return changed
