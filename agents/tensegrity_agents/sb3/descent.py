@@ -41,6 +41,7 @@ from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.simulation.protocol import RUNNING
 
 _MEASURED = 50  # updates whose observations make the statistics
+_ROOM = 0.05  # stability margin below which an arm at rest is close to buckling
 _LIMIT = 0.06  # [rad] before a joint limit
 _LIMIT_WEIGHT, _EXCESS_WEIGHT = 5.0, 0.002
 _FAILED = 8.0  # what a step counts after a failure
@@ -64,11 +65,14 @@ class SmoothEpisodes:
         import jax
 
         from tensegrity_envs.simulation.smooth import SmoothDynamics
+        from tensegrity_envs.simulation.smooth_rest import SmoothRest
 
         self.core, self.n = core, n
-        self._dynamics = SmoothDynamics(core, substeps)
-        # The engine's state is replaced by the inputs that the actuators have reached: in arms at rest, the inputs.
-        state = core.states.rows._replace(physics=core.states.rows.inputs)
+        self._smooth: Any = SmoothRest(core) if core.engine is None else SmoothDynamics(core, substeps)
+        state = core.states.rows
+        if core.engine is not None:
+            # The engine's state is replaced by the inputs that the actuators have reached: in arms at rest, the inputs.
+            state = state._replace(physics=state.inputs)
         numbers = count()
         self.rows: Any = tree_map(lambda row: Row(next(numbers), row.kind), state, is_row)
         self._from = [int(row) for row in tree_leaves(state, is_row)]
@@ -132,7 +136,7 @@ class SmoothEpisodes:
 
         if self.noisy:
             states = states.at[jnp.array([int(row) for row in self.rows.noise])].set(noise)
-        outcome = self._dynamics.step(
+        outcome, room = self._smooth.step(
             _tree(self.core.episodes.rows, episodes), _tree(self.rows, states), tuple(actions.T)
         )
         after = outcome.state
@@ -142,9 +146,12 @@ class SmoothEpisodes:
 
         rows = matrix(tree_leaves(after, lambda value: isinstance(value, jax.Array | float | int)))
         beyond = jnp.maximum(jnp.abs(matrix(after.configuration)) - self._limit + _LIMIT, 0.0) / _LIMIT
+        close = (beyond**2).sum(axis=0)
+        if self.core.engine is None:
+            close = close + jnp.maximum(1.0 - room / _ROOM, 0.0) ** 2
         finite = jnp.isfinite(rows).all(axis=0)
         failed = jax.lax.stop_gradient(jnp.asarray((after.failure != RUNNING) | ~finite, jnp.float32))
-        told = (outcome.observation, outcome.achieved, (outcome.info[self.core.error_name], (beyond**2).sum(0)))
+        told = (outcome.observation, outcome.achieved, (outcome.info[self.core.error_name], close))
         observation, achieved, (error, limits) = (jnp.where(finite, matrix(part), 0.0) for part in told)
         return jnp.where(finite, rows, states), observation.T, achieved.T, error, limits, failed
 

@@ -88,16 +88,20 @@ class Drivable(Protocol):
 
 
 def check_smooth(core: Any) -> None:
-    """See that the dynamics of an environment can be differentiated; see `simulation.smooth`.
+    """See that the steps of an environment can be differentiated; see `simulation.smooth` and `smooth_rest`.
 
     Args:
         core: of the environment.
 
     Raises:
-        ValueError: it is quasi-static, or has prismatic actuators or a platform.
+        ValueError: it is quasi-static and not driven by its inputs, or dynamic with prismatic actuators or a platform.
     """
     if core.engine is None:
-        raise ValueError("a quasi-static environment has no dynamics to differentiate")
+        from tensegrity_envs.simulation.quasi_static import InputControl
+
+        if not isinstance(core.simulation, InputControl):
+            raise ValueError("only quasi-static environments that are driven by inputs can be differentiated yet")
+        return
     if core.engine.model.linkage.space != 2 or any(member.kind == "actuator" for member in core.nominal.members):
         raise ValueError("dynamics with prismatic actuators or a platform cannot be differentiated yet")
 

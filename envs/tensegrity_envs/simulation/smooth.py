@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.core import Core
 from tensegrity_envs.interface import Outcome
+from tensegrity_envs.mechanics.equilibrium import solve_symmetric
 from tensegrity_envs.simulation.dynamic import DynamicControl, Motion, check_smooth
 from tensegrity_envs.simulation.protocol import Episode, State
 
@@ -53,10 +54,12 @@ class SmoothDynamics:
         parents = [linkage.bodies[body.parent].frame if body.parent else None for body in linkage.bodies[1:]]
         self._hinges = [(body.frame, parent) for body, parent in zip(linkage.bodies[1:], parents, strict=True)]
 
-    def step(self, episode: Episode, state: State, action: Components) -> Outcome:
+    def step(self, episode: Episode, state: State, action: Components) -> tuple[Outcome, Component]:
         """The outcome one step later; its state's `physics` are the inputs that the actuators have reached.
 
-        Margins are told, but nothing is differentiated by way of them.
+        Returns:
+            The outcome, nothing of which is differentiated by way of the margins; and the stability margin: an arm in
+            motion may pass where it could not rest.
         """
         core = self.core
         assert isinstance(core.simulation, DynamicControl)
@@ -66,7 +69,7 @@ class SmoothDynamics:
         # Eigenvalues are dear to differentiate, and what the margins tell is hardly what an action is for.
         margins = (jax.lax.stop_gradient(margin) for margin in (after.stability_margin, after.wrench_margin))
         after = after._replace(**dict(zip(("stability_margin", "wrench_margin"), margins, strict=True)))
-        return core.outcome(episode, core.with_clearance(episode, command.state, after))
+        return core.outcome(episode, core.with_clearance(episode, command.state, after)), after.stability_margin
 
     def move(self, episode: Episode, state: State, inputs: Components, load: Components) -> Motion:
         """What the engine would find at the end of a step under these inputs."""
@@ -95,7 +98,7 @@ class SmoothDynamics:
                 for i, (g, b) in enumerate(zip(gradient, bias, strict=True))
             ]
             matrix = [[mass[i][j] + h * damping * sum(t[i] * t[j] for t in turns) for j in range(d)] for i in range(d)]
-            change = solve(matrix, force)
+            change, _, _ = solve_symmetric(matrix, force)
             v = tuple(a + h * c for a, c in zip(v, change, strict=True))
             q = tuple(a + h * c for a, c in zip(q, v, strict=True))
             reached = tuple(c + (r - c) * left for c, r in zip(inputs, reached, strict=True))
@@ -202,23 +205,3 @@ def _turn(nodes: Nodes, change: Nodes, frame: tuple[str, str]) -> Component:
     (ux, uy), (vx, vy) = (change[name] for name in frame)
     x, y, dx, dy = bx - ax, by - ay, vx - ux, vy - uy
     return (x * dy - y * dx) / (x * x + y * y)
-
-
-def solve(matrix: list[list[Component]], right: list[Component]) -> list[Component]:
-    """The solution of a small symmetric positive definite system, by elimination."""
-    d = len(right)
-    a = [list(row) for row in matrix]
-    b = list(right)
-    for k in range(d):
-        for i in range(k + 1, d):
-            ratio = a[i][k] / a[k][k]
-            for j in range(k, d):
-                a[i][j] = a[i][j] - ratio * a[k][j]
-            b[i] = b[i] - ratio * b[k]
-    x: list[Component] = [0.0] * d
-    for k in reversed(range(d)):
-        rest = b[k]
-        for j in range(k + 1, d):
-            rest = rest - a[k][j] * x[j]
-        x[k] = rest / a[k][k]
-    return x
