@@ -6,8 +6,8 @@ What MuJoCo simulates with hinges, constraints and actuators is here Lagrange's 
 
 a step h of the same semi-implicit integrator. V is the energy of `InputControl.statics`; M, D and the bias b follow
 from the positions of the nodes alone: bars are uniform rods, the tip is a point. Loops are closed exactly. Dry friction
-is smoothed, r tanh(w / w_s) for a hinge that turns at w, and simulations never fail: two differences from the engine,
-and why agents are evaluated there. Actuators approach their command exponentially.
+is smoothed, r w / sqrt(w^2 + w_s^2) for a hinge that turns at w, and implicit, too; simulations never fail: two
+differences from the engine, and why agents are evaluated there. Actuators approach their command exponentially.
 
 Arrays are those of JAX, which compiles and differentiates; only this module imports it.
 """
@@ -25,7 +25,7 @@ from tensegrity_envs.simulation.dynamic import DynamicControl, Motion, check_smo
 from tensegrity_envs.simulation.protocol import Episode, State
 
 Nodes = dict[str, Any]
-_SLIP = 0.05  # [rad/s], at which dry friction has 3/4 of its value
+_SLIP = 0.01  # [rad/s], at which dry friction has 0.7 of its value
 
 
 class SmoothDynamics:
@@ -91,14 +91,16 @@ class SmoothDynamics:
             rates = [sum(t * rate for t, rate in zip(turn, v, strict=True)) for turn in turns]
             u, pull_back = jax.vjp(lambda *at: tuple(self.control.to_coordinates(mechanism, at)), *q)
             gradient = pull_back(tuple(self.control.statics(mechanism, u, reached, load)[0]))
-            # forces of the hinges: viscous, taken implicitly, and dry
-            dry = [friction * jnp.tanh(rate / _SLIP) + damping * rate for rate in rates]
+            drag = [damping + friction / jnp.sqrt(rate * rate + _SLIP * _SLIP) for rate in rates]
             force = [
-                -g - b - sum(t[i] * f for t, f in zip(turns, dry, strict=True))
+                -g - b - sum(t[i] * c * rate for t, c, rate in zip(turns, drag, rates, strict=True))
                 for i, (g, b) in enumerate(zip(gradient, bias, strict=True))
             ]
-            matrix = [[mass[i][j] + h * damping * sum(t[i] * t[j] for t in turns) for j in range(d)] for i in range(d)]
-            change, _, _ = solve_symmetric(matrix, force)
+            matrix = [
+                [mass[i][j] + h * sum(t[i] * t[j] * c for t, c in zip(turns, drag, strict=True)) for j in range(d)]
+                for i in range(d)
+            ]
+            change, _, _ = solve_symmetric(tuple(tuple(row) for row in matrix), tuple(force))
             v = tuple(a + h * c for a, c in zip(v, change, strict=True))
             q = tuple(a + h * c for a, c in zip(q, v, strict=True))
             reached = tuple(c + (r - c) * left for c, r in zip(inputs, reached, strict=True))
