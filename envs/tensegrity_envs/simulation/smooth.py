@@ -25,7 +25,7 @@ from tensegrity_envs.simulation.dynamic import DynamicControl, Motion, check_smo
 from tensegrity_envs.simulation.protocol import Episode, State
 
 Nodes = dict[str, Any]
-_SLIP = 0.01  # [rad/s], at which dry friction has 0.7 of its value
+_SLIP = 0.05  # [rad/s], at which dry friction has 0.7 of its value
 
 
 class SmoothDynamics:
