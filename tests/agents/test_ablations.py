@@ -23,7 +23,7 @@ TRAIN = {
 def test_one_thing_is_taken_out():
     whole = Experiment(env="TwoXTensionReachUncertain-v0", train=TRAIN)
     found = variants_of(whole)
-    assert set(found) == set(VARIANTS)
+    assert set(found) == set(VARIANTS) - {"no_gradient", "no_plan"}
     own = whole.train.model_dump()
     changed = {name: {k: v for k, v in one.train.model_dump().items() if v != own[k]} for name, one in found.items()}
     assert changed == {
@@ -39,7 +39,7 @@ def test_one_thing_is_taken_out():
 def test_all_are_trained_as_long_where_that_is_asked():
     whole = Experiment(env="TwoXTensionReachUncertain-v0", train=TRAIN)
     found = variants_of(whole, 64)
-    assert set(found) == {WHOLE, *VARIANTS}
+    assert set(found) == {WHOLE, *VARIANTS} - {"no_gradient", "no_plan"}
     assert {name: one.train.total_timesteps for name, one in found.items()} == {
         name: 32 if name == "no_fine_tuning" else 64 for name in found
     }
@@ -49,6 +49,24 @@ def test_all_are_trained_as_long_where_that_is_asked():
     slip = CliRunner().invoke(app, ["campaign", "--timesteps", "64"], env={"COLUMNS": "200"})
     assert slip.exit_code == 2
     assert "is for --ablate" in slip.output
+
+
+def test_of_an_agent_that_corrects_a_plan():
+    settings = {
+        "total_timesteps": 96,
+        "corrects": {"controller": "closed_form_plan"},
+        "gradient": {"timesteps": 64, "num_envs": 4, "horizon": 8},
+    }
+    whole = Experiment(env="DualTriangleFastReachMuJoCo-v0", train=settings)
+    found = variants_of(whole)
+    assert set(found) == {"no_gradient", "no_plan", "no_fine_tuning"}
+    assert found["no_gradient"].train.gradient is None
+    assert found["no_gradient"].train.corrects is not None
+    assert found["no_plan"].train.corrects is None
+    assert found["no_fine_tuning"].train.total_timesteps == 64
+    shorter = variants_of(whole, 32)
+    assert {one.train.total_timesteps for one in shorter.values()} == {32}
+    assert shorter[WHOLE].train.gradient.timesteps == 32
 
 
 @pytest.mark.full
