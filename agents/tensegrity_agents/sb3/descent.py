@@ -77,7 +77,7 @@ class SmoothEpisodes:
         numbers = count()
         self.rows: Any = tree_map(lambda row: Row(next(numbers), row.kind), state, is_row)
         self._from = [int(row) for row in tree_leaves(state, is_row)]
-        self._limit = float(core.design.joint_limit)
+        self._limit = float(getattr(core.design, "joint_limit", np.inf))
         self._forward: Any = jax.jit(self._step, compiler_options=_UNFUSED)
         self._backward: Any = jax.jit(self._pulled_back, compiler_options=_UNFUSED)
         self.noisy = core.randomization.is_noisy

@@ -46,6 +46,7 @@ class LoadedLengthControl(InputControl[PlanarFourBar]):
 
     action_size = 2
     rate_unit = "m"
+    ends_infeasible = True
 
     def __init__(self, mechanism: PlanarFourBar) -> None:
         self.rate = STEP_SHARE * float(mechanism.length)

@@ -86,6 +86,7 @@ class InputControl(ABC, Generic[M]):
     rate: float
     rate_unit: str
     resolution = 1 / 512  # of a step: how closely the last stable state before buckling is found
+    ends_infeasible = False  # whether a negative wrench margin ends an episode
 
     @abstractmethod
     def bounds(self, mechanism: M) -> tuple[Component, Component]:

@@ -19,7 +19,7 @@ from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.core import Core
 from tensegrity_envs.interface import Outcome
 from tensegrity_envs.mechanics.equilibrium import solve_symmetric
-from tensegrity_envs.simulation.protocol import BUCKLED, JOINT_LIMIT, RUNNING, Episode, State
+from tensegrity_envs.simulation.protocol import BUCKLED, JOINT_LIMIT, RUNNING, WRENCH_INFEASIBLE, Episode, State
 from tensegrity_envs.simulation.quasi_static import InputControl, keep_where
 
 _PARTS, _ITERATIONS = 2, 3  # of a step; of Newton's method in each part
@@ -43,7 +43,8 @@ class SmoothRest:
 
         Returns:
             The outcome, nothing of which is differentiated by way of the margins; and the stability margin, which
-            changes as the smallest pivot of H does, zero where the step has failed.
+            changes as the smallest pivot of H does, zero where the step has failed; or the wrench margin, if that is
+            smaller and ends episodes.
         """
         action, state = self.core.delayed(episode, state, action)
         new, room = self._moved(self.core.mechanism(episode.design), episode, state, action)
@@ -70,10 +71,15 @@ class SmoothRest:
         reached = control.at_rest(mechanism, q, new, load, time)
         stability, wrench = still(reached.stability_margin), still(reached.wrench_margin)
         failure = jnp.where(control.is_outside(mechanism, q), JOINT_LIMIT, RUNNING)
+        if control.ends_infeasible:
+            failure = jnp.where(wrench < 0, WRENCH_INFEASIBLE, failure)
         failure = jnp.where(lost, BUCKLED, failure)
+        margin = reached.wrench_margin
         reached = reached._replace(stability_margin=stability, wrench_margin=wrench, failure=failure)
         positive = jnp.where(lost, 1.0, pivot)
         room = jnp.where(lost, 0.0, stability * positive / still(positive))
+        if control.ends_infeasible:
+            room = jnp.minimum(room, margin)
         return keep_where(jnp, failure != RUNNING, reached, state), room
 
     def _newton(
