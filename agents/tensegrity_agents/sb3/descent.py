@@ -284,7 +284,7 @@ class Descent:
             seen = {**seen, "observation": observation, "achieved_goal": achieved}
             cost = self._cost(error) + _LIMIT_WEIGHT * limits + _EXCESS_WEIGHT * excess
             total = total + torch.where(alive > 0, cost, torch.full_like(cost, _FAILED)).mean()
-            alive = alive * (1.0 - failed)
+            alive = alive * (1.0 - failed.detach())
         self.success = float((alive * (error.detach() <= self.tolerance)).mean())
         return total / self.settings.horizon, torch.cat(shown)
 
