@@ -337,7 +337,10 @@ class Experiment(_Strict):
     def _plan_fits(self) -> "Experiment":
         train = self.train
         if train.corrects is not None:
-            Correction(self.env, self.options, train.corrects.controller, train.corrects.by)
+            try:
+                Correction(self.env, self.options, train.corrects.controller, train.corrects.by)
+            except ValueError as error:
+                raise ValueError(f"corrects.controller: {error}") from error
             if not train.is_on_policy:
                 raise ValueError(f"corrects: needs algorithm: ppo or recurrent_ppo, not {train.algorithm}")
         if train.gradient is not None:

@@ -306,8 +306,9 @@ def try_settings(
 def _shortened(experiment: Experiment, share: float) -> Experiment:
     train = experiment.train.model_dump()
     train["total_timesteps"] = max(1, round(share * train["total_timesteps"]))
-    if train["teacher"] is not None:
-        train["teacher"]["timesteps"] = max(1, round(share * train["teacher"]["timesteps"]))
+    for first in ("teacher", "gradient"):
+        if train[first] is not None:
+            train[first]["timesteps"] = max(1, round(share * train[first]["timesteps"]))
     return experiment.changed(train=train)
 
 

@@ -62,7 +62,9 @@ class Correction:
     def __init__(self, env_id: str, options: Mapping[str, Any] | None, controller: str, by: float) -> None:
         planner = make_controller(controller, env_id, options)
         if not isinstance(planner, FullSpeed):
-            raise ValueError(f"corrects: {controller!r} of {env_id} makes no plan of the inputs at full speed")
+            raise ValueError(
+                f"{controller!r} of {env_id} makes no plan of the inputs at full speed, as closed_form_plan does"
+            )
         core = unwrapped(gym.make(env_id, **(options or {}))).core
         self.planner, self.by = planner, by
         simulation: Any = core.simulation

@@ -12,8 +12,8 @@ target, and most where the tolerance begins: its sum is low where the tip is on 
 an episode has failed counts as 8. Outputs beyond their bounds cost their squared excess, by a five-hundredth, or they
 would never come back: there the gradient is zero.
 
-The statistics that normalize observations are those of the first updates; then they stay, for both PPO and what is
-saved. PPO may go on from there; its value function begins as it is made.
+The statistics that normalize observations are those of the first updates; then they stay until PPO, if there is any,
+goes on from there, whose rollouts count, too. Its value function begins as it is made.
 
 [Freeman2021] Freeman, Frey, Raichuk, Girgin, Mordatch, Bachem, "Brax: a differentiable physics engine for large scale
 rigid body simulation", NeurIPS Datasets and Benchmarks 2021.
@@ -294,7 +294,7 @@ class Descent:
             seen = {**seen, "observation": observation, "achieved_goal": achieved}
             cost = self._cost(error) + _LIMIT_WEIGHT * limits + _EXCESS_WEIGHT * excess
             total = total + torch.where(alive > 0, cost, torch.full_like(cost, _FAILED)).mean()
-            alive = alive * (1.0 - failed)
+            alive = alive * (1.0 - failed.detach())
         self.success = float((alive * (error.detach() <= self.tolerance)).mean())
         return total / self.settings.horizon, torch.cat(shown)
 

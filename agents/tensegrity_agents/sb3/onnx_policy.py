@@ -4,7 +4,8 @@ The file takes the raw observation of the environment, as `TrainedPolicy.predict
 policy that remembers takes what it remembers as further inputs (`past_observations`, `past_actions` and `first`; a
 recurrent one `hidden` and `cell`) and returns it with `next_` before its names; the input `begins` is true where an
 episode begins, whatever was remembered. A policy with model-based features takes them as the input `features`: they are
-what Python computes, see `controllers.model_features`.
+what Python computes, see `controllers.model_features`. A policy that corrects a controller's plan has no such file: the
+plan needs the controller (`sb3.correction`).
 
 | input | shape | type |
 |---|---|---|
@@ -33,6 +34,7 @@ import torch
 from torch.distributions import Distribution
 
 from tensegrity_agents.extras import need
+from tensegrity_agents.sb3.correction import Correction
 from tensegrity_agents.sb3.errors import ExportError
 from tensegrity_agents.sb3.history import History, Past, remembered, with_action
 from tensegrity_agents.sb3.policy_file import TrainedPolicy, augmentations
@@ -117,8 +119,15 @@ def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> floa
 
     Raises:
         ImportError: the extra "onnx" is not installed.
-        ExportError: actions differ by more than `TOLERANCE`; the file is not written.
+        ExportError: actions differ by more than `TOLERANCE`, or the policy corrects a controller's plan; the file is
+            not written.
     """
+    if any(isinstance(one, Correction) for one in trained.augmentations):
+        planner = trained.description["corrects"]["controller"]
+        raise ExportError(
+            f"{path}: the policy corrects the plan of {planner}, which is made by Python code that no graph holds; run "
+            "it in Python, by tensegrity_agents.load_policy(folder).predict, or train an agent without `corrects:`"
+        )
     need("onnx", "ONNX needs", "onnx", "onnxscript", "onnxruntime")
     graph = _Graph(trained).eval()
     example = _example(trained)

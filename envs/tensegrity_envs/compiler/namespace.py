@@ -1,9 +1,9 @@
-"""Where a component's arithmetic comes from: `math` for floats, NumPy for arrays, Torch for tensors.
+"""Where a component's arithmetic comes from: `math` for floats, NumPy for arrays, Torch for tensors, JAX for its own.
 
 Every equation of this package is written once, on components (`alpha1, alpha2 = q`). A component is a float, a NumPy
-array or a Torch tensor; the three libraries spell `sin`, `cos`, `sqrt`, `log`, `atan2` alike, and this module supplies
-the few names that they do not share. Torch is never imported here: a tensor can only arrive when its caller has it. A
-`tracing.Symbol` is a component too: it brings its own namespace, which writes the operations down.
+array, a Torch tensor or an array of JAX; the libraries spell `sin`, `cos`, `sqrt`, `log` alike, and this module
+supplies the few names that they do not share. Torch and JAX are never imported here: a tensor can only arrive when its
+caller has it. A `tracing.Symbol` is a component too: it brings its own namespace, which writes the operations down.
 """
 
 import math
@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-# A float, a NumPy array or a Torch tensor. Arithmetic on it is the same in all three; no static type says that.
+# A float, a NumPy array, a Torch tensor or an array of JAX. Arithmetic is the same in all; no static type says that.
 Component = Any
 Components = tuple[Component, ...]
 
@@ -112,7 +112,7 @@ def _jax_namespace() -> Namespace:
 
 
 def namespace_of(*components: Component) -> Namespace:
-    """The namespace for these components: Torch if any is a tensor, NumPy if any is an array, else `math`.
+    """The namespace for these components: JAX or Torch if any is one of theirs, NumPy if any is an array, else `math`.
 
     Raises:
         TypeError: there are both tensors and arrays.

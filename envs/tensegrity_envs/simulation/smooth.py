@@ -106,7 +106,8 @@ class SmoothDynamics:
             reached = tuple(c + (r - c) * left for c, r in zip(inputs, reached, strict=True))
             return (q, v, reached), None
 
-        start = tuple(0.0 * state.time + a for a in state.physics)
+        # Actuators without lag act at once; others from what they have reached.
+        start = tuple(0.0 * state.time + a for a in (state.physics if constant else inputs))
         begun = (state.configuration, state.velocity, start)
         # Keeping what each time step computes takes longer than computing it again.
         (q, v, reached), _ = jax.lax.scan(jax.checkpoint(substep), begun, None, self.substeps)
