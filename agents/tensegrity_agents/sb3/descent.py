@@ -9,8 +9,11 @@ take a step of Adam against the gradient of the mean over episodes and steps of
 
 differentiated through all steps back to the first [Freeman2021: analytic policy gradients]. c falls all the way to the
 target, and most where the tolerance begins: its sum is low where the tip is on target soon and stays. What comes after
-an episode has failed counts as 8. Outputs beyond their bounds cost their squared excess, by a five-hundredth, or they
-would never come back: there the gradient is zero.
+an episode has failed counts as 8.
+
+Outputs, actions and inputs are clipped. Beyond a bound, where a clipped number has no gradient, it has one here if a
+step against it leads back: else a policy that has come to its bounds would stay there. Outputs beyond their bounds also
+cost their squared excess, by a five-hundredth.
 
 The statistics that normalize observations are those of the first updates; then they stay until PPO, if there is any,
 goes on from there, whose rollouts count, too. Its value function begins as it is made.
@@ -21,6 +24,7 @@ rigid body simulation", NeurIPS Datasets and Benchmarks 2021.
 
 from collections.abc import Callable
 from itertools import count
+from types import SimpleNamespace
 from typing import Any, cast
 
 import gymnasium as gym
@@ -190,6 +194,37 @@ def _tree(rows: Any, matrix: Any) -> Any:
     return tree_map(lambda row: matrix[row] != 0 if row.kind == "bool" else matrix[row], rows, is_row)
 
 
+class _Returning(torch.autograd.Function):
+    """Clipping whose gradient, beyond a bound, is that of the number itself where a step against it leads back."""
+
+    @staticmethod
+    def forward(ctx: Any, values: torch.Tensor, low: float, high: float) -> torch.Tensor:
+        ctx.save_for_backward(values)
+        ctx.bounds = low, high
+        return values.clamp(low, high)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Any) -> Any:
+        (values,), (low, high), (gradient,) = ctx.saved_tensors, ctx.bounds, gradients
+        leaves = ((values > high) & (gradient < 0)) | ((values < low) & (gradient > 0))
+        return gradient.masked_fill(leaves, 0.0), None, None
+
+
+def returning(values: torch.Tensor, low: float, high: float) -> torch.Tensor:
+    """The values within [low, high]; see `_Returning`."""
+    clipped: Any = _Returning.apply
+    found: torch.Tensor = clipped(values, low, high)
+    return found
+
+
+def _clip(values: torch.Tensor, low: float, high: float) -> torch.Tensor:
+    return returning(values, low, high) if values.is_floating_point() else values.clamp(low, high)
+
+
+# Torch as `Correction` knows it, but for its clipping.
+_RETURNING = SimpleNamespace(clip=_clip, arange=torch.arange, concatenate=torch.concatenate)
+
+
 class Descent:
     """Updates of a policy by the gradient of the dynamics, one for each round.
 
@@ -282,11 +317,14 @@ class Descent:
             begins = torch.zeros(n, dtype=torch.bool)
             shown.append(told.detach())
             output = self._output({**seen, "observation": told})
-            actions = output.clamp(-1.0, 1.0)
+            actions = returning(output, -1.0, 1.0)
             excess = ((output.abs() - 1.0).clamp(min=0.0) ** 2).mean(dim=1)
             if self.correction is not None and course is not None:
-                actions = self.correction.action(torch, course, actions)
-                course = self.correction.after(torch, course, actions)
+                before = course.command
+                actions = self.correction.action(_RETURNING, course, actions)
+                course = self.correction.after(_RETURNING, course, actions)
+                # What moves the inputs that are not at their bounds: the environment then has nothing to clip.
+                actions = (course.command - before) / self.correction.rate
             if memory is not None:
                 memory = with_action(torch, memory, actions)
             states = torch.where(alive > 0, states, begun)  # what has failed would go on to fly apart
@@ -308,15 +346,9 @@ class Descent:
         """What an agent remembers before an episode; None if it remembers nothing."""
         if self.history is None:
             return None
-        n, (steps, size, actions) = (
-            len(observation),
-            (
-                self.history.length,
-                self.history.observation_size,
-                self.history.action_size,
-            ),
-        )
-        return Past(torch.zeros(n, steps, size), torch.zeros(n, steps, actions), torch.zeros(n, size))
+        n, steps, size = len(observation), self.history.length, self.history.observation_size
+        actions = torch.zeros(n, steps, self.history.action_size)
+        return Past(torch.zeros(n, steps, size), actions, torch.zeros(n, size))
 
     def _output(self, seen: dict[str, torch.Tensor]) -> torch.Tensor:
         """What the policy says, not clipped, where this is observed."""

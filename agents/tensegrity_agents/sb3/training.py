@@ -180,6 +180,7 @@ class _Training(BaseCallback):
     def _descend(self, descent: Descent) -> None:
         """The first segment of a training by the gradient of the dynamics."""
         self._begin_first(descent)
+        self._report(descent.success)  # compiling comes first, which takes a while
         while descent.round < descent.rounds:
             self._between_rollouts()
             descent.give()
