@@ -184,7 +184,12 @@ class _Training(BaseCallback):
         while descent.round < descent.rounds:
             self._between_rollouts()
             descent.give()
-            self._report(descent.success)
+            now = time.monotonic()
+            if now - self.shown >= 1.0:
+                nothing = float("nan")  # no episode comes to its end
+                row = [now - self.begun, float(self.algorithm.num_timesteps), descent.success, nothing, nothing]
+                self.rows.append(row)
+                self._report(descent.success)
         self.descent = None
         self._end_first()
 
