@@ -64,7 +64,7 @@ class Both:
         self.ended = np.zeros(n, bool)
 
         def step(leaves, actions):
-            state = self.dynamics.step(self.episode, self._state(leaves), tuple(actions)).state
+            state = self.dynamics.step(self.episode, self._state(leaves), tuple(actions))[0].state
             numbers = tree_leaves(state, lambda value: isinstance(value, jax.Array | float | int))
             return [jnp.broadcast_to(jnp.asarray(one, float), (n,)) for one in numbers]
 
@@ -211,7 +211,7 @@ def test_derivatives_of_a_step(env_id):
 
     def result(*given):
         changed = state._replace(**{name: tuple(one) for name, one in zip(names, given[:-1], strict=True)})
-        after = dynamics.step(both.episode, changed, tuple(given[-1])).state
+        after = dynamics.step(both.episode, changed, tuple(given[-1]))[0].state
         return jnp.stack([*after.configuration, *after.velocity, *after.tip])
 
     given = (*start, action)
