@@ -171,7 +171,11 @@ def test_ppo_goes_on(tmp_path):
 @pytest.mark.parametrize(
     ("env_id", "train", "match"),
     [
-        ("tensegrity/TwoXReach-v0", {"gradient": {"timesteps": 100}}, "gradient: a quasi-static environment"),
+        (
+            "tensegrity/TwoXReach-v0",
+            {"gradient": {"timesteps": 100}},
+            "gradient: only quasi-static environments that are",
+        ),
         ("tensegrity/PlanarFourBarReachMuJoCo-v0", {"gradient": {"timesteps": 100}}, "gradient: .*prismatic actuators"),
         (FAST, {"gradient": {"timesteps": 2000}}, "gradient.timesteps: at most total_timesteps, 1000"),
         (FAST, {"gradient": {"timesteps": 100}, "teacher": {"timesteps": 100}}, "gradient: .*without teacher"),
