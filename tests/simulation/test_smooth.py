@@ -18,7 +18,7 @@ pytest.importorskip("mujoco")
 
 import jax.numpy as jnp  # noqa: E402
 
-from tensegrity_envs.simulation.smooth import SmoothDynamics, solve  # noqa: E402
+from tensegrity_envs.simulation.smooth import SmoothDynamics  # noqa: E402
 
 N = 48
 FAST, TWO_X, THREE_X, LOADED = (
@@ -226,15 +226,6 @@ def test_derivatives_of_a_step(env_id):
     pulled = compiled(lambda at, to: jax.vjp(result, *at)[1](to))(given, weight)
     along = sum(float((a * b).sum()) for a, b in zip(pulled, way, strict=True))
     assert along == pytest.approx(float((weight * slope).sum()), rel=1e-9)
-
-
-def test_small_systems_are_solved():
-    rng = np.random.default_rng(0)
-    root = rng.normal(size=(20, 4, 4))
-    matrix, right = root @ root.transpose(0, 2, 1) + 0.1 * np.eye(4), rng.normal(size=(20, 4))
-    rows = [[matrix[:, i, j] for j in range(4)] for i in range(4)]
-    found = np.stack(solve(rows, [right[:, i] for i in range(4)]), axis=1)
-    np.testing.assert_allclose(found, np.linalg.solve(matrix, right[:, :, None])[:, :, 0], rtol=1e-9)
 
 
 @pytest.mark.parametrize(
