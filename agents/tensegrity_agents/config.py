@@ -20,9 +20,9 @@ from pydantic import (
 import tensegrity_envs
 from tensegrity_agents import env_options
 from tensegrity_agents.controllers import baselines_of, teachers_of
+from tensegrity_agents.controllers.full_speed import full_speed_planner
 from tensegrity_agents.controllers.model_features import ModelFeatures
 from tensegrity_agents.own_modules import own_module
-from tensegrity_agents.sb3.correction import Correction
 from tensegrity_agents.yaml_file import ConfigError, read_yaml
 from tensegrity_envs.env import unwrapped
 from tensegrity_envs.simulation.dynamic import check_smooth
@@ -338,7 +338,7 @@ class Experiment(_Strict):
         train = self.train
         if train.corrects is not None:
             try:
-                Correction(self.env, self.options, train.corrects.controller, train.corrects.by)
+                full_speed_planner(train.corrects.controller, self.env, self.options)
             except ValueError as error:
                 raise ValueError(f"corrects.controller: {error}") from error
             if not train.is_on_policy:

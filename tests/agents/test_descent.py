@@ -94,8 +94,20 @@ def test_an_interrupted_training_goes_on_to_the_same(after, tmp_path, monkeypatc
     assert "trial and error" not in loaded.knows
 
 
-def test_the_gradient_is_that_of_the_loss():
-    """Against differences, which float32 makes rough, along each tensor's own gradient and in another direction."""
+def test_clipped_numbers_have_a_gradient_where_it_leads_back():
+    values = torch.tensor([-2.0, -2.0, 0.5, 2.0, 2.0], requires_grad=True)
+    clipped = module.returning(values, -1.0, 1.0)
+    np.testing.assert_array_equal(clipped.detach().numpy(), [-1.0, -1.0, 0.5, 1.0, 1.0])
+    (clipped * torch.tensor([3.0, -3.0, 3.0, 3.0, -3.0])).sum().backward()  # a step goes against this
+    np.testing.assert_array_equal(values.grad.numpy(), [0.0, -3.0, 3.0, 3.0, 0.0])
+
+
+def test_the_gradient_is_that_of_the_loss(monkeypatch):
+    """Against differences, which float32 makes rough, along each tensor's own gradient and in another direction.
+
+    Numbers are clipped as usual: at their bounds the gradient of a training is none of the loss.
+    """
+    monkeypatch.setattr(module, "returning", lambda values, low, high: values.clamp(low, high))
     descent = begun(small())
     for _ in range(2):
         descent.give()
@@ -150,7 +162,8 @@ def test_ppo_goes_on(tmp_path):
     agent = train(experiment, 0, tmp_path, lambda done, total, success: shown.append((done, total)))
     assert agent.description["timesteps"] >= 3 * ROUND
     assert "gradient of the dynamics, and trained by trial and error" in agent.knows
-    assert shown[0] == (ROUND, 3 * ROUND)
+    assert shown[0] == (0, 3 * ROUND)
+    assert (ROUND, 3 * ROUND) in shown
     assert shown[-1] == (3 * ROUND, 3 * ROUND)
     load_policy(tmp_path, FAST)
 
@@ -158,7 +171,11 @@ def test_ppo_goes_on(tmp_path):
 @pytest.mark.parametrize(
     ("env_id", "train", "match"),
     [
-        ("tensegrity/TwoXReach-v0", {"gradient": {"timesteps": 100}}, "gradient: a quasi-static environment"),
+        (
+            "tensegrity/TwoXReach-v0",
+            {"gradient": {"timesteps": 100}},
+            "gradient: only quasi-static environments that are",
+        ),
         ("tensegrity/PlanarFourBarReachMuJoCo-v0", {"gradient": {"timesteps": 100}}, "gradient: .*prismatic actuators"),
         (FAST, {"gradient": {"timesteps": 2000}}, "gradient.timesteps: at most total_timesteps, 1000"),
         (FAST, {"gradient": {"timesteps": 100}, "teacher": {"timesteps": 100}}, "gradient: .*without teacher"),

@@ -21,9 +21,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.controllers.base import beginning
-from tensegrity_agents.controllers.regulated import FullSpeed
+from tensegrity_agents.controllers.full_speed import full_speed_planner
 from tensegrity_envs.env import unwrapped
 
 _STEPS = 40  # of a plan that are kept; it rests after half as many
@@ -60,11 +59,7 @@ class Correction:
     """
 
     def __init__(self, env_id: str, options: Mapping[str, Any] | None, controller: str, by: float) -> None:
-        planner = make_controller(controller, env_id, options)
-        if not isinstance(planner, FullSpeed):
-            raise ValueError(
-                f"{controller!r} of {env_id} makes no plan of the inputs at full speed, as closed_form_plan does"
-            )
+        planner = full_speed_planner(controller, env_id, options)
         core = unwrapped(gym.make(env_id, **(options or {}))).core
         self.planner, self.by = planner, by
         simulation: Any = core.simulation

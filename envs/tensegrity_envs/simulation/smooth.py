@@ -18,8 +18,6 @@ import jax
 import jax.numpy as jnp
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.core import Core
-from tensegrity_envs.interface import Outcome
 from tensegrity_envs.mechanics.equilibrium import solve_symmetric
 from tensegrity_envs.simulation.dynamic import DynamicControl, Motion, check_smooth
 from tensegrity_envs.simulation.protocol import Episode, State
@@ -39,7 +37,7 @@ class SmoothDynamics:
         ValueError: the environment has no such dynamics.
     """
 
-    def __init__(self, core: Core, substeps: int | None = None) -> None:
+    def __init__(self, core: Any, substeps: int | None = None) -> None:
         check_smooth(core)
         engine, dynamics = core.engine, core.dynamics
         assert engine is not None
@@ -54,7 +52,7 @@ class SmoothDynamics:
         parents = [linkage.bodies[body.parent].frame if body.parent else None for body in linkage.bodies[1:]]
         self._hinges = [(body.frame, parent) for body, parent in zip(linkage.bodies[1:], parents, strict=True)]
 
-    def step(self, episode: Episode, state: State, action: Components) -> tuple[Outcome, Component]:
+    def step(self, episode: Episode, state: State, action: Components) -> tuple[Any, Component]:
         """The outcome one step later; its state's `physics` are the inputs that the actuators have reached.
 
         Returns:

@@ -16,8 +16,6 @@ import jax
 import jax.numpy as jnp
 
 from tensegrity_envs.compiler.namespace import Component, Components
-from tensegrity_envs.core import Core
-from tensegrity_envs.interface import Outcome
 from tensegrity_envs.mechanics.equilibrium import solve_symmetric
 from tensegrity_envs.simulation.protocol import BUCKLED, JOINT_LIMIT, RUNNING, WRENCH_INFEASIBLE, Episode, State
 from tensegrity_envs.simulation.quasi_static import InputControl, keep_where
@@ -34,11 +32,11 @@ class SmoothRest:
         core: of an environment whose simulation is an `InputControl`.
     """
 
-    def __init__(self, core: Core) -> None:
+    def __init__(self, core: Any) -> None:
         assert isinstance(core.simulation, InputControl)
         self.core, self.control = core, core.simulation
 
-    def step(self, episode: Episode, state: State, action: Components) -> tuple[Outcome, Component]:
+    def step(self, episode: Episode, state: State, action: Components) -> tuple[Any, Component]:
         """The outcome one step later, and how far it is from losing its equilibrium.
 
         Returns:
