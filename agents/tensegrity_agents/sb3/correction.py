@@ -117,6 +117,10 @@ class Correction:
         """The environment's actions, shape (n, inputs), for corrections within [-1, 1]."""
         return xp.clip(self._off(xp, course, 0) + self.by * corrections, -1.0, 1.0)
 
+    def bounded(self, xp: Any, course: Course, actions: Any) -> Any:
+        """What of these actions moves the inputs: nothing where they are at a bound. Agents remember that."""
+        return (self.after(xp, course, actions).command - course.command) / self.rate
+
     def after(self, xp: Any, course: Course, actions: Any) -> Course:
         """What is remembered after actions of the environment."""
         command = xp.clip(course.command + self.rate * actions, self.low, self.high)
@@ -131,7 +135,7 @@ class Correction:
     def applied(self, memory: Course, actions: np.ndarray) -> np.ndarray:
         """The environment's actions for those of the agent, of shape (n, inputs) or of one environment."""
         corrections = np.reshape(actions, (-1, self.size)).astype(np.float32)
-        given: np.ndarray = self.action(np, memory, corrections)
+        given: np.ndarray = self.bounded(np, memory, self.action(np, memory, corrections))
         return given.reshape(np.shape(actions))
 
     def acted(self, memory: Course, actions: np.ndarray) -> Course:

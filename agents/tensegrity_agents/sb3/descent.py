@@ -320,11 +320,10 @@ class Descent:
             actions = returning(output, -1.0, 1.0)
             excess = ((output.abs() - 1.0).clamp(min=0.0) ** 2).mean(dim=1)
             if self.correction is not None and course is not None:
-                before = course.command
+                # Bounded, so that the environment has nothing to clip.
                 actions = self.correction.action(_RETURNING, course, actions)
+                actions = self.correction.bounded(_RETURNING, course, actions)
                 course = self.correction.after(_RETURNING, course, actions)
-                # What moves the inputs that are not at their bounds: the environment then has nothing to clip.
-                actions = (course.command - before) / self.correction.rate
             if memory is not None:
                 memory = with_action(torch, memory, actions)
             states = torch.where(alive > 0, states, begun)  # what has failed would go on to fly apart
