@@ -15,8 +15,9 @@ from tensegrity_agents.command.program import app
 from tensegrity_agents.config import ConfigError, Experiment, load_experiment
 from tensegrity_agents.sb3 import descent as module
 from tensegrity_agents.sb3.algorithms import make_environment, make_model
-from tensegrity_agents.sb3.descent import Descent, SmoothEpisodes
+from tensegrity_agents.sb3.descent import Descent
 from tensegrity_agents.sb3.policy_file import load_policy
+from tensegrity_agents.sb3.smooth_episodes import SmoothEpisodes
 from tensegrity_agents.sb3.training import train
 
 FAST = "tensegrity/DualTriangleFastReachMuJoCo-v0"
@@ -111,7 +112,7 @@ def test_the_gradient_is_that_of_the_loss(monkeypatch):
     descent = begun(small())
     for _ in range(2):
         descent.give()
-    loss, _ = descent._loss()
+    loss, *_ = descent._loss(descent._begun())
     gradients = torch.autograd.grad(loss, descent.parameters)
     rng = torch.Generator().manual_seed(0)
     checked = 0
@@ -125,7 +126,7 @@ def test_the_gradient_is_that_of_the_loss(monkeypatch):
             for sign in (1.0, -1.0):
                 with torch.no_grad():
                     parameter.copy_(before + sign * h * unit)
-                    ends.append(float(descent._loss()[0]))
+                    ends.append(float(descent._loss(descent._begun())[0]))
             with torch.no_grad():
                 parameter.copy_(before)
             slope = float((gradient * unit).sum())
@@ -150,7 +151,7 @@ def test_rounds_lower_the_loss():
 def _of_first_episodes(descent):
     latest, descent.round = descent.round, 0
     with torch.no_grad():
-        loss = float(descent._loss()[0])
+        loss = float(descent._loss(descent._begun())[0])
     descent.round = latest
     return loss
 
