@@ -4,12 +4,12 @@ The policy of PPO acts, without noise, in `simulation.smooth.SmoothDynamics` for
 `num_envs` episodes. With e_k the tip's error after step k, tol the tolerance and q_k the joint angles, the parameters
 take a step of Adam against the gradient of the mean over episodes and steps of
 
-    c(e_k) + 20 sum_i max(0, |q_ki| - q_max + 0.1)^2 / 0.1^2,
+    c(e_k) + 20 sum_i max(0, |q_ki| - q_max + 0.05)^2 / 0.05^2,
     c(e) = log(1 + (2 e / tol)^2) / 2 + e / (100 tol) + e^2 / (e^2 + tol^2),
 
 differentiated through all steps back to the first [Freeman2021: analytic policy gradients]. c falls all the way to the
 target, and most where the tolerance begins: its sum is low where the tip is on target soon and stays. What comes after
-an episode has failed counts as 8. Every second update goes on with the episodes of the one before, from where they are,
+an episode has failed counts as 8. Every fourth update goes on with the episodes of the one before, from where they are,
 so that the policy learns to rest on the target, too; gradients do not go back into the update before.
 
 Outputs, actions and inputs are clipped. Beyond a bound, where a clipped number has no gradient, it has one here if a
@@ -42,6 +42,7 @@ from tensegrity_envs.env import unwrapped
 
 _MEASURED = 50  # updates whose observations make the statistics
 _LIMIT_WEIGHT, _EXCESS_WEIGHT = 20.0, 0.002
+_GOES_ON = 4  # the last of so many updates goes on where the one before ended
 _FAILED = 8.0  # what a step counts after a failure
 _LARGEST_GRADIENT = 1.0  # norm beyond which it is shortened
 _SEEDS = 1_000_000  # from one training seed to the next, as `training._reseed` has them
@@ -176,7 +177,7 @@ class Descent:
         self.model.policy.set_training_mode(True)
         begun = self.running or self._begun()
         loss, seen, reached = self._loss(begun)
-        self.running = None if begun.step else reached
+        self.running = reached if self.round % _GOES_ON == _GOES_ON - 2 else None
         self.optimizer.zero_grad()
         torch.autograd.backward(loss)
         norm = torch.nn.utils.clip_grad_norm_(self.parameters, _LARGEST_GRADIENT)

@@ -14,7 +14,7 @@ from tensegrity_envs.randomization import Randomization
 from tensegrity_envs.simulation.protocol import RUNNING
 
 _ROOM = 0.05  # stability margin below which an arm at rest is close to buckling
-_LIMIT = 0.1  # [rad] before a joint limit
+_LIMIT = 0.05  # [rad] before a joint limit
 _MOST_SENSITIVE = 20.0  # times the median: what an episode's gradient in its state may come to, or a few would rule
 # XLA fuses long chains of small operations by computing parts of them many times.
 _UNFUSED = {"xla_disable_hlo_passes": "fusion,cpu-fusion,cpu-instruction-fusion"}
