@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, Observation, jacobian_at, rows_of
-from tensegrity_agents.controllers.resting import ends_of_plans
+from tensegrity_agents.controllers.resting import ends_of_plans, planned_at
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation import Episode
@@ -230,8 +230,7 @@ class Ramp(Planned[RampMemory]):
         return RampMemory(self._plan(observed, index), np.zeros(len(index), int))
 
     def _act(self, observed: DecodedObservation, memory: RampMemory) -> tuple[np.ndarray, RampMemory]:
-        rows = np.arange(len(memory.step))
-        wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
+        wanted = planned_at(memory.plan, memory.step)
         action = self.damped(observed, wanted, self.believed(observed, wanted))
         return action, memory._replace(step=memory.step + 1)
 

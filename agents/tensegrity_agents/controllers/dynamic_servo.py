@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.dynamic import Base, Planned
-from tensegrity_agents.controllers.resting import first_tips, with_latest
+from tensegrity_agents.controllers.resting import first_tips, planned_at, with_latest
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
@@ -72,8 +72,7 @@ class RestingRamp(Planned[ServoMemory]):
         again = np.flatnonzero(rests & (error > self.enough * self.core.task.tolerance))
         if len(again):
             memory = self._planned_anew(observed, memory, again)
-        rows = np.arange(len(memory.step))
-        wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
+        wanted = planned_at(memory.plan, memory.step)
         own = observed.replace(inputs=memory.inputs)
         action = np.clip(self.damped(own, wanted, self.believed(own, wanted)), -1.0, 1.0)
         inputs = np.clip(memory.inputs + self.rate * action, self.low, self.high)

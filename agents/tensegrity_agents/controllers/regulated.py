@@ -24,6 +24,7 @@ from scipy.linalg import LinAlgError, solve_discrete_are
 from tensegrity_agents.controllers.base import Observation
 from tensegrity_agents.controllers.dynamic import Base, Memory, Planned, RampMemory
 from tensegrity_agents.controllers.input_shaping import Shaper, shaped, vibration_of
+from tensegrity_agents.controllers.resting import planned_at
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation.mujoco.linearizing import LinearMotion, linearize
@@ -95,9 +96,8 @@ class FullSpeedPlan(FullSpeed[RampMemory]):
         return RampMemory(self._plan(observed, index), np.zeros(len(index), int))
 
     def _act(self, observed: DecodedObservation, memory: RampMemory) -> tuple[np.ndarray, RampMemory]:
-        rows = np.arange(len(memory.step))
-        wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
-        return np.clip(self.action_to(wanted, observed.inputs), -1.0, 1.0), memory._replace(step=memory.step + 1)
+        action = np.clip(self.action_to(planned_at(memory.plan, memory.step), observed.inputs), -1.0, 1.0)
+        return action, memory._replace(step=memory.step + 1)
 
 
 class Shaped(FullSpeed[RampMemory]):
@@ -118,9 +118,9 @@ class Shaped(FullSpeed[RampMemory]):
         return RampMemory(self._prepared(observed, index)[0], np.zeros(len(index), int))
 
     def _act(self, observed: DecodedObservation, memory: RampMemory) -> tuple[np.ndarray, RampMemory]:
-        rows = np.arange(len(memory.step))
-        wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
-        return self.damped(observed, wanted, observed.joint_angles), memory._replace(step=memory.step + 1)
+        return self.damped(observed, planned_at(memory.plan, memory.step), observed.joint_angles), memory._replace(
+            step=memory.step + 1
+        )
 
 
 class RegulatedMemory(NamedTuple):

@@ -19,3 +19,8 @@ def first_tips(tip: np.ndarray) -> np.ndarray:
 def with_latest(tips: np.ndarray, tip: np.ndarray) -> np.ndarray:
     """The latest tips with one more, the newest first."""
     return np.concatenate([np.asarray(tip, float)[:, None], tips[:, :-1]], axis=1)
+
+
+def planned_at(plan: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Inputs (n, inputs) of plans (n, steps, inputs) after steps (n,) that count from 0; beyond the end, the last."""
+    return np.asarray(plan[np.arange(len(step)), np.minimum(step, plan.shape[1] - 1)])

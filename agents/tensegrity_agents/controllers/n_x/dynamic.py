@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.dynamic import Base, Planned
+from tensegrity_agents.controllers.resting import planned_at
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
@@ -48,8 +49,7 @@ class HeldRamp(Planned[HeldMemory]):
         return HeldMemory(plan, np.zeros(len(index), int), self.believed(observed, observed.inputs))
 
     def _act(self, observed: DecodedObservation, memory: HeldMemory) -> tuple[np.ndarray, HeldMemory]:
-        rows = np.arange(len(memory.step))
-        wanted = memory.plan[rows, np.minimum(memory.step, memory.plan.shape[1] - 1)]
+        wanted = planned_at(memory.plan, memory.step)
         memory = memory._replace(step=memory.step + 1)
         if "joint_angles" not in observed:
             return self.damped(observed, wanted, self.believed(observed, wanted)), memory
