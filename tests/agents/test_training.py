@@ -483,7 +483,9 @@ def test_every_baseline_runs_on_every_environment(env_id, name):
     elif "Push" in env_id:
         assert success >= {"closed_form": 0.0, "pseudo_inverse": 0.7}.get(name, 1.0)
     elif "DualTriangle" in env_id:
-        weak = {"pseudo_inverse": 0.6, "observer": 0.95, "oracle": 0.975} if "Loaded" in env_id else {}
+        weak = {"closed_form_plan": 0.0}  # at full speed and without feedback the arm swings
+        if "Loaded" in env_id:
+            weak = {"pseudo_inverse": 0.6, "observer": 0.95, "oracle": 0.975}
         assert success >= weak.get(name, 0.0 if "Loaded" in env_id else 0.975)
     elif "ThreeX" in env_id and "MuJoCo" in env_id:
         assert success >= {"pseudo_inverse": 0.0}.get(name, 0.6)  # ramps lose a fifth there, see docs/n_x.md
