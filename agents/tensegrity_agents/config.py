@@ -20,8 +20,9 @@ from pydantic import (
 import tensegrity_envs
 from tensegrity_agents import env_options
 from tensegrity_agents.controllers import baselines_of, teachers_of
-from tensegrity_agents.controllers.full_speed import full_speed_planner
+from tensegrity_agents.controllers.corrected import controller_to_correct
 from tensegrity_agents.controllers.model_features import ModelFeatures
+from tensegrity_agents.controllers.regulated import FullSpeed
 from tensegrity_agents.own_modules import own_module
 from tensegrity_agents.yaml_file import ConfigError, read_yaml
 from tensegrity_envs.env import unwrapped
@@ -58,7 +59,10 @@ class PPOSettings(_Strict):
         None, description="log std of the exploration falls or rises linearly from log_std_init to this one, untrained"
     )
     value_rollouts: int = Field(
-        0, ge=0, description="after a teacher, so many rollouts train the value function alone, not the policy"
+        0,
+        ge=0,
+        description="after a teacher, a gradient, or where a controller is corrected, so many rollouts train the value "
+        "function alone, not the policy",
     )
 
 
@@ -101,6 +105,15 @@ class CorrectionSettings(_Strict):
 
     controller: str = Field(description="that plans the inputs at full speed, such as closed_form_plan")
     by: float = Field(4.0, gt=0, description="largest correction, in steps of the inputs' rate")
+    fades: tuple[int, int] | None = Field(
+        None, description="steps from which on corrections of a plan get smaller, and from which on there are none"
+    )
+
+    @model_validator(mode="after")
+    def _fades_in_order(self) -> "CorrectionSettings":
+        if self.fades is not None and not 0 <= self.fades[0] < self.fades[1]:
+            raise ValueError(f"fades: {list(self.fades)}: must be two steps, the second after the first")
+        return self
 
 
 class GradientSettings(_Strict):
@@ -111,6 +124,14 @@ class GradientSettings(_Strict):
     horizon: int = Field(40, ge=2, description="steps of each, from its beginning on")
     learning_rate: float = Field(1e-3, gt=0, description="at the start; falls linearly to zero")
     substeps: int = Field(5, ge=1, description="time steps in each step")
+    slip: tuple[PositiveFloat, PositiveFloat] = Field(
+        (0.05, 0.05),
+        description="speed of a joint at which dry friction has 0.7 of its value [rad/s], at the start and at the end; "
+        "in between it changes by the same factor in each update",
+    )
+    settling: float = Field(
+        0.0, ge=0, le=1, description="share of the cost that counts the largest error to come, not that of the moment"
+    )
 
 
 class PrivilegedSettings(_Strict):
@@ -338,9 +359,13 @@ class Experiment(_Strict):
         train = self.train
         if train.corrects is not None:
             try:
-                full_speed_planner(train.corrects.controller, self.env, self.options)
+                controller = controller_to_correct(train.corrects.controller, self.env, self.options)
             except ValueError as error:
                 raise ValueError(f"corrects.controller: {error}") from error
+            if train.corrects.fades is not None and not isinstance(controller, FullSpeed):
+                raise ValueError(
+                    f"corrects.fades: {train.corrects.controller} makes no plan; only corrections of it fade"
+                )
             if not train.is_on_policy:
                 raise ValueError(f"corrects: needs algorithm: ppo or recurrent_ppo, not {train.algorithm}")
         if train.gradient is not None:

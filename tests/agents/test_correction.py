@@ -11,6 +11,7 @@ import tensegrity_agents
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.sb3 import descent
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.correction import Correction, Course
 from tensegrity_agents.sb3.errors import ExportError
@@ -134,7 +135,7 @@ def test_agents_are_shown_the_same_in_training_and_after():
 
 def test_corrections_are_steps_of_the_rate_from_the_plan():
     """By hand, and with NumPy as with Torch."""
-    correction = Correction(FAST, {}, PLAN, BY)
+    correction = Correction(make_controller(PLAN, FAST), BY)
     rng, rate = np.random.default_rng(0), correction.rate
     middle = 0.5 * (correction.low + correction.high)
     plan = (middle + rate * rng.uniform(-9, 9, (5, 40, 3))).astype(np.float32)
@@ -160,6 +161,15 @@ def test_corrections_are_steps_of_the_rate_from_the_plan():
         expected = getattr(correction, name)(np, course, *more)
         found = getattr(correction, name)(torch, other, *map(torch.from_numpy, more))
         np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
+
+    fading = Correction(make_controller(PLAN, FAST), BY, (10, 50))
+    factor = np.array([1, 1, 12 / 40, 11 / 40, 0])
+    np.testing.assert_allclose(fading.shown(np, course), np.c_[np.concatenate(shown, axis=1), factor], rtol=1e-5)
+    actions_then = np.clip((now - command) / rate + 4 * factor[:, None] * asked, -1, 1)
+    np.testing.assert_allclose(fading.action(np, course, asked), actions_then, atol=1e-5)
+    for name, more in (("shown", ()), ("action", (asked,))):
+        found = getattr(fading, name)(descent._RETURNING, other, *map(torch.from_numpy, more))
+        np.testing.assert_allclose(found.numpy(), getattr(fading, name)(np, course, *more), atol=1e-6)
     found = correction.after(torch, other, torch.from_numpy(actions))
     for one, expected in zip(found, after, strict=True):
         np.testing.assert_allclose(one.numpy(), expected, rtol=1e-6)
@@ -200,7 +210,7 @@ def test_no_file_of_onnx_holds_a_plan(tmp_path):
         (
             FAST,
             {"corrects": {"controller": "closed_form_ramp"}},
-            "corrects.controller: 'closed_form_ramp' of .* makes no plan",
+            "corrects.controller: 'closed_form_ramp' of .* cannot be corrected; closed_form_plan, .* can",
         ),
         (FAST, {"corrects": {"controller": "nobody"}}, "corrects.controller: .*nobody.*closed_form_plan"),
         (FAST, {"corrects": {"controller": PLAN, "by": 0}}, "by"),
@@ -209,7 +219,13 @@ def test_no_file_of_onnx_holds_a_plan(tmp_path):
         (
             "tensegrity/TwoXReach-v0",
             {"corrects": {"controller": "oracle"}},
-            "corrects.controller: 'oracle' of .* makes no plan",
+            "corrects.controller: 'oracle' of .* cannot be corrected; no controller of this id can",
+        ),
+        (FAST, {"corrects": {"controller": PLAN, "fades": [30, 30]}}, "fades: .* the second after the first"),
+        (
+            "tensegrity/DualTriangleLoadedReachUncertain-v0",
+            {"corrects": {"controller": "servo", "fades": [1, 2]}},
+            "corrects.fades: servo makes no plan",
         ),
     ],
 )

@@ -22,6 +22,7 @@ from tensegrity_agents.sb3.smooth_episodes import SmoothEpisodes
 from tensegrity_agents.sb3.training import train
 
 FAST = "tensegrity/DualTriangleFastReachMuJoCo-v0"
+LOADED = "tensegrity/DualTriangleLoadedReachUncertain-v0"
 ROUND = 8 * 6  # steps
 _made: dict[Any, SmoothEpisodes] = {}
 
@@ -50,7 +51,15 @@ def small(rounds=4, **changes):
         "levels": [3],
         "ppo": {"num_envs": 8, "n_steps": 4, "batch_size": 16},
     }
-    return Experiment(env=FAST, train=settings | changes)
+    return Experiment(env=changes.pop("env", FAST), train=settings | changes)
+
+
+FADING = {"controller": "closed_form_plan", "fades": [2, 5]}
+VARIANTS = {
+    "plan": {},
+    "settling": {"gradient": {"settling": 0.5}, "corrects": FADING, "repeat_failed": 0.5},
+    "feedback": {"env": LOADED, "corrects": {"controller": "identifying_observer", "by": 1.0}, "repeat_failed": 0.9},
+}
 
 
 def begun(experiment, seed=0):
@@ -68,9 +77,9 @@ class _Stopped(Exception):
     pass
 
 
-@pytest.mark.parametrize("after", [1, 3])
-def test_an_interrupted_training_goes_on_to_the_same(after, tmp_path, monkeypatch):
-    experiment = small()
+@pytest.mark.parametrize(("variant", "after"), [("plan", 1), ("plan", 3), ("settling", 1), ("feedback", 3)])
+def test_an_interrupted_training_goes_on_to_the_same(variant, after, tmp_path, monkeypatch):
+    experiment = small(**VARIANTS[variant])
     whole = train(experiment, 0, tmp_path / "whole")
     give = Descent.give
 
@@ -90,7 +99,7 @@ def test_an_interrupted_training_goes_on_to_the_same(after, tmp_path, monkeypatc
     for name, value in numbers(whole).items():
         np.testing.assert_array_equal(numbers(parts)[name], value)
     np.testing.assert_array_equal(parts.normalization.mean, whole.normalization.mean)
-    loaded = load_policy(tmp_path / "parts", FAST)
+    loaded = load_policy(tmp_path / "parts", experiment.env)
     assert loaded.description["timesteps"] == 4 * ROUND
     assert "trained by the gradient of the dynamics" in loaded.knows
     assert "trial and error" not in loaded.knows
@@ -104,16 +113,18 @@ def test_clipped_numbers_have_a_gradient_where_it_leads_back():
     np.testing.assert_array_equal(values.grad.numpy(), [0.0, -3.0, 3.0, 3.0, 0.0])
 
 
-def test_the_gradient_is_that_of_the_loss(monkeypatch):
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_gradient_is_that_of_the_loss(variant, monkeypatch):
     """Against differences, which float32 makes rough, along each tensor's own gradient and in another direction.
 
     Numbers are clipped as usual: at their bounds the gradient of a training is none of the loss.
     """
     monkeypatch.setattr(module, "returning", lambda values, low, high: values.clamp(low, high))
     monkeypatch.setattr(smooth_episodes, "_MOST_SENSITIVE", 1e9)
-    descent = begun(small())
+    descent = begun(small(**VARIANTS[variant]))
     for _ in range(2):
         descent.give()
+    descent.repeats = 0.0  # the same episodes every time
     loss, *_ = descent._loss(descent._begun())
     gradients = torch.autograd.grad(loss, descent.parameters)
     rng = torch.Generator().manual_seed(0)
@@ -123,7 +134,7 @@ def test_the_gradient_is_that_of_the_loss(monkeypatch):
             if float(gradient.norm()) < 0.02:
                 continue
             unit = way / way.norm()
-            h, ends = 0.01, []
+            h, ends = 0.003, []
             before = parameter.detach().clone()
             for sign in (1.0, -1.0):
                 with torch.no_grad():
@@ -132,7 +143,7 @@ def test_the_gradient_is_that_of_the_loss(monkeypatch):
             with torch.no_grad():
                 parameter.copy_(before)
             slope = float((gradient * unit).sum())
-            assert (ends[0] - ends[1]) / (2 * h) == pytest.approx(slope, rel=0.05, abs=2e-3)
+            assert (ends[0] - ends[1]) / (2 * h) == pytest.approx(slope, rel=0.05, abs=3e-3)
             checked += 1
     assert checked >= 4
 
@@ -156,6 +167,31 @@ def _of_first_episodes(descent):
         loss = float(descent._loss(descent._begun())[0])
     descent.round = latest
     return loss
+
+
+def test_a_share_of_the_cost_is_that_of_the_largest_error_to_come():
+    descent = begun(small(gradient={"settling": 0.25}))
+    errors = torch.rand((7, 5), generator=torch.Generator().manual_seed(0)) * 3 * descent.tolerance
+    cost = descent._cost_of(errors)
+    for step, episode in np.ndindex(7, 5):
+        now, r = (
+            float(descent._cost(errors[step, episode])),
+            float(errors[step:, episode].max() / descent.tolerance) ** 4,
+        )
+        worst = r / (1 + r) + np.log(1 + r) / 10
+        assert float(cost[step, episode]) == pytest.approx(0.75 * now + 0.25 * worst, rel=1e-5)
+
+
+def test_episodes_that_missed_are_begun_again():
+    descent = begun(small(repeat_failed=0.75))
+    descent.round, descent.missed = 3, np.arange(100, 108)
+    numbers = descent._begun().numbers
+    again = np.intersect1d(numbers, np.arange(100, 108))
+    assert 3 <= len(again) <= 8
+    np.testing.assert_array_equal(numbers[len(again) :], 3 * 8 + np.arange(8 - len(again)))
+    descent.give()
+    kept = np.flatnonzero(np.isin(numbers, descent.missed))
+    assert len(descent.missed) == round(8 * (1 - descent.success)) == len(kept)
 
 
 def test_ppo_goes_on(tmp_path):

@@ -12,7 +12,7 @@ from tensegrity_agents.controllers.dual_triangle.planning import (
     RoadMap,
     choose_posture,
     postures,
-    schedule,
+    schedules,
     straight_clearance,
     validity,
 )
@@ -129,7 +129,7 @@ def test_postures_have_the_tip_at_the_target_and_validity_is_that_of_the_mechani
 
 def test_a_schedule_keeps_the_rate_and_ends_at_the_goal():
     path, load = np.array([[0.2, -0.3, 0.4], [0.9, 0.1, -0.6]]), np.array([0.4, -0.2])
-    plan = schedule(ARM, path, load, RATE, 100)
+    plan = schedules(ARM, [path], load[None], RATE, 100)[0]
     first = np.stack(ARM.control(tuple(path[0]), tuple(load)))
     assert np.abs(np.diff(np.vstack([first, plan]), axis=0)).max() <= RATE * 1.01
     np.testing.assert_allclose(plan[-1], ARM.control(tuple(path[1]), tuple(load)), atol=1e-12)

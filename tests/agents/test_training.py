@@ -251,6 +251,16 @@ VARIANTS = {
         "env": "tensegrity/DualTriangleLoadedReach-v0",
         "train": SMALL["train"] | {"segment_timesteps": 500_000, "history": 1, "privileged": {"identify": 0.5}},
     },
+    "corrected": {
+        "env": "tensegrity/DualTriangleLoadedReachUncertain-v0",
+        "train": SMALL["train"]
+        | {
+            "segment_timesteps": 500_000,
+            "history": 1,
+            "corrects": {"controller": "identifying_observer", "by": 1.0},
+            "ppo": SMALL["train"]["ppo"] | {"value_rollouts": 1},
+        },
+    },
     "randomized": SMALL
     | {"randomization": {"stiffness": [0.9, 1.1], "actuation_delay": [0, 2], "tip_noise": 0.001}, "tolerance": 0.02},
 }

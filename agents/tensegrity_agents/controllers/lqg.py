@@ -84,7 +84,10 @@ class LQG(FullSpeed[LQGMemory]):
         integral: share of the tip error that is integrated in a step.
     """
 
-    tunable: ClassVar[dict[str, tuple[float, ...]]] = {"softness": (1.0, 3.0, 10.0), "smoothing": (3, 5, 8)}
+    tunable: ClassVar[dict[str, tuple[float, ...]]] = {
+        "softness": (0.2, 0.3, 1.0, 3.0, 10.0),
+        "smoothing": (3, 5, 8, 10, 12, 16),
+    }
     is_told_ranges = True
     wait = 8  # steps
     look = 0  # first steps, in which the inputs are held

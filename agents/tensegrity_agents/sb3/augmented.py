@@ -7,6 +7,8 @@ from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
+from tensegrity_agents.controllers.base import rows_of
+
 
 class Augmentation(Protocol):
     """What appends numbers to the entry "observation", and remembers what it needs for that from step to step."""
@@ -71,7 +73,7 @@ class AugmentedVecEnv(VecEnvWrapper):
         ended = np.flatnonzero(done)
         if len(ended):
             last = [infos[i]["terminal_observation"] for i in ended]
-            memory = None if self.memory is None else type(self.memory)(*(part[ended] for part in self.memory))
+            memory = None if self.memory is None else rows_of(self.memory, ended)
             seen = {key: np.stack([one[key] for one in last]) for key in last[0]}
             told, _ = self.augmentation(seen, memory, ~done[ended])
             for row, i in enumerate(ended):

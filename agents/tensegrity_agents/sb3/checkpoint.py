@@ -28,6 +28,7 @@ from tensegrity_agents.sb3.policy_file import statistics_of
 from tensegrity_agents.sb3.privileged import PRIVILEGED, PrivilegedVecEnv
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 from tensegrity_agents.whole_file import written_whole
+from tensegrity_envs.compiler.pytree import is_array, tree_leaves, tree_map
 
 CHECKPOINT = "checkpoint.pt"
 
@@ -142,7 +143,7 @@ def _told(env: VecNormalize) -> RunningMeanStd | None:
 def running_state(model: BaseAlgorithm, env: VecNormalize) -> dict[str, Any]:
     """What a training on native environments depends on between two rollouts, beside model and normalization."""
     monitor, augmented, _, adapter = _parts(env)
-    memories = [None if one.memory is None else list(one.memory) for one in augmented]
+    memories = [None if one.memory is None else list(tree_leaves(one.memory, is_array)) for one in augmented]
     return {
         "environments": adapter.shell.get_state(),
         "returns": monitor.episode_returns.copy(),
@@ -161,6 +162,12 @@ def _hidden_state(model: BaseAlgorithm) -> list[torch.Tensor] | None:
     return None if states is None else [part for pair in states for part in pair]
 
 
+def _filled(memory: Any, arrays: list[np.ndarray]) -> Any:
+    """A memory of this form with these arrays."""
+    parts = iter(arrays)
+    return tree_map(lambda _: next(parts), memory, is_array)
+
+
 def go_on(state: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> None:
     """Go on where `running_state` was taken."""
     monitor, augmented, privileged, adapter = _parts(env)
@@ -170,7 +177,7 @@ def go_on(state: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> Non
         privileged.look()
     monitor.episode_returns, monitor.episode_lengths = state["returns"], state["lengths"]
     for one, memory in zip(augmented, state["memories"], strict=True):
-        one.memory = None if memory is None else type(one.memory)(*memory)
+        one.memory = None if memory is None else _filled(one.memory, memory)
     model._last_obs, model._last_episode_starts = state["observation"], state["starts"]
     if state.get("hidden") is not None:
         recurrent: Any = model

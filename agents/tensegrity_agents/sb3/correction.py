@@ -7,23 +7,23 @@ rate, and the environment's action is
     a_k = clip((u*_k - u_k) / rate + by d_k, -1, 1),    u_(k+1) = clip(u_k + rate a_k).
 
 u is the controller's own command: where a delay holds actions back, measured inputs would ask for the same step twice.
+Corrections may fade away: d is multiplied by 1 until step A, by 0 from step B on, and linearly less in between; the
+inputs then rest exactly where the controller has them. Else they do so with d = 0.
+
 Appended to the entry "observation" are, in steps, how far the command is from u*_k, from where it is to be two steps
-later, and from the plan's end. At the plan's end and with d = 0 the inputs rest where the controller has them.
+later, and from the plan's end, and, where corrections fade, the factor of d.
 
 [Johannink2019] Johannink, Bahl, Nair, Luo, Kumar, Loskyll, Ojea, Solowjow, Levine, "Residual reinforcement learning for
 robot control", ICRA 2019.
 """
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
 from tensegrity_agents.controllers.base import beginning
-from tensegrity_agents.controllers.full_speed import full_speed_planner
-from tensegrity_envs.env import unwrapped
+from tensegrity_agents.controllers.regulated import FullSpeed
 
 _STEPS = 40  # of a plan that are kept; it rests after half as many
 _NEAR, _FAR = 3.0, 10.0  # steps that are shown as 1, of what is near along the plan and of its end
@@ -49,19 +49,14 @@ class Correction:
     """Shows an agent the plan of a controller, and makes the environment's actions of the agent's corrections.
 
     Args:
-        env_id: Gymnasium id.
-        options: of the environment.
-        controller: name of the controller, see `controllers.baselines_of`.
+        planner: the controller.
         by: largest correction, in steps of the inputs' rate.
-
-    Raises:
-        ValueError: the controller does not plan inputs.
+        fades: steps A and B; None where corrections do not fade.
     """
 
-    def __init__(self, env_id: str, options: Mapping[str, Any] | None, controller: str, by: float) -> None:
-        planner = full_speed_planner(controller, env_id, options)
-        core = unwrapped(gym.make(env_id, **(options or {}))).core
-        self.planner, self.by = planner, by
+    def __init__(self, planner: FullSpeed[Any], by: float, fades: tuple[int, int] | None = None) -> None:
+        core = planner.core
+        self.planner, self.by, self.fades = planner, by, fades
         simulation: Any = core.simulation
         self.rate, self.size = float(simulation.rate), int(simulation.action_size)
         self.low, self.high = (float(bound) for bound in simulation.bounds(core.nominal))
@@ -69,7 +64,7 @@ class Correction:
 
     def space(self, space: spaces.Dict) -> spaces.Dict:
         """The observation space with what is shown of the plan."""
-        size = int(np.prod(space["observation"].shape or ())) + 3 * self.size
+        size = int(np.prod(space["observation"].shape or ())) + 3 * self.size + (self.fades is not None)
         return spaces.Dict({**space.spaces, "observation": spaces.Box(-np.inf, np.inf, (size,), np.float32)})
 
     def __call__(
@@ -102,8 +97,12 @@ class Correction:
         plan = self.planner.plan_for(own)[:, :_STEPS].astype(np.float32)
         return Course(plan, inputs, np.zeros(len(plan), np.int64))
 
+    def asked(self, observation: dict[str, np.ndarray], course: Course) -> Course:
+        """What is remembered one step later, with these observations: a plan stays what it is."""
+        return course
+
     def shown(self, xp: Any, course: Course) -> Any:
-        """What is appended to observations, shape (n, 3 inputs).
+        """What is appended to observations, shape (n, 3 inputs), or (n, 3 inputs + 1) where corrections fade.
 
         Args:
             xp: numpy or torch, whose arrays are in the memory.
@@ -111,10 +110,20 @@ class Correction:
         """
         near = [self._off(xp, course, later) / _NEAR for later in (0, _LATER)]
         end = (course.plan[:, -1] - course.command) / (_FAR * self.rate)
-        return xp.concatenate([*(xp.clip(part, -_MOST, _MOST) for part in near), end], axis=1)
+        share = [] if self.fades is None else [self._share(xp, course)]
+        return xp.concatenate([*(xp.clip(part, -_MOST, _MOST) for part in near), end, *share], axis=1)
+
+    def _share(self, xp: Any, course: Course) -> Any:
+        """By how much corrections count, shape (n, 1)."""
+        assert self.fades is not None
+        first, last = self.fades
+        steps = xp.clip(course.step, first, last)
+        return xp.asarray((last - steps[:, None]) / (last - first), dtype=xp.float32)
 
     def action(self, xp: Any, course: Course, corrections: Any) -> Any:
         """The environment's actions, shape (n, inputs), for corrections within [-1, 1]."""
+        if self.fades is not None:
+            corrections = self._share(xp, course) * corrections
         return xp.clip(self._off(xp, course, 0) + self.by * corrections, -1.0, 1.0)
 
     def bounded(self, xp: Any, course: Course, actions: Any) -> Any:

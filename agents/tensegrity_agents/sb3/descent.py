@@ -8,9 +8,15 @@ take a step of Adam against the gradient of the mean over episodes and steps of
     c(e) = log(1 + (2 e / tol)^2) / 2 + e / (100 tol) + e^2 / (e^2 + tol^2),
 
 differentiated through all steps back to the first [Freeman2021: analytic policy gradients]. c falls all the way to the
-target, and most where the tolerance begins: its sum is low where the tip is on target soon and stays. What comes after
-an episode has failed counts as 8. Every fourth update goes on with the episodes of the one before, from where they are,
-so that the policy learns to rest on the target, too; gradients do not go back into the update before.
+target, and most where the tolerance begins: its sum is low where the tip is on target soon and stays. A share
+`settling` of c(e_k) is replaced by what the largest error to come costs, E_k, the largest of e_k, e_(k+1), ...,
+
+    r / (1 + r) + log(1 + r) / 10,    r = (E_k / tol)^4,
+
+whose sum tells the time to settle: a tip that leaves the tolerance again costs all the time before. What comes after an
+episode has failed counts as 8. Every fourth update goes on with the episodes of the one before, from where they are, so
+that the policy learns to rest on the target, too; gradients do not go back into the update before. Episodes that are
+not on target at the end of an update are begun again with probability `repeat_failed`.
 
 Outputs, actions and inputs are clipped. Beyond a bound, where a clipped number has no gradient, it has one here if a
 step against it leads back: else a policy that has come to its bounds would stay there. Outputs beyond their bounds also
@@ -34,10 +40,11 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.sb3.clipping import returning
-from tensegrity_agents.sb3.correction import Correction, Course
+from tensegrity_agents.sb3.correction import Course
 from tensegrity_agents.sb3.history import History, Past, remembered, with_action
 from tensegrity_agents.sb3.policy_file import augmentations, statistics_of
 from tensegrity_agents.sb3.smooth_episodes import SmoothEpisodes
+from tensegrity_envs.compiler.pytree import is_array, tree_leaves, tree_map
 from tensegrity_envs.env import unwrapped
 
 _MEASURED = 50  # updates whose observations make the statistics
@@ -53,23 +60,31 @@ def _clip(values: torch.Tensor, low: float, high: float) -> torch.Tensor:
 
 
 # Torch as `Correction` knows it, but for its clipping.
-_RETURNING = SimpleNamespace(clip=_clip, arange=torch.arange, concatenate=torch.concatenate)
+_RETURNING = SimpleNamespace(
+    clip=_clip,
+    arange=torch.arange,
+    concatenate=torch.concatenate,
+    asarray=torch.as_tensor,
+    float32=torch.float32,
+)
 
 
 class _Running(NamedTuple):
     """Episodes on their way.
 
     Attributes:
+        numbers: which episodes they are, shape (n,).
         episodes: what stays the same, shape (rows, n).
         begun: states with which they began, shape (rows, n).
         states: where they are.
         seen: the observations, by name.
         memory: what the agent remembers, `Past`; () if it remembers nothing.
-        course: of the plan that it corrects, `Course`; () without.
+        course: what is remembered of the controller that it corrects; () without.
         alive: 1 for those that have not failed, 0 for the others, shape (n,).
         step: how many there were.
     """
 
+    numbers: np.ndarray
     episodes: np.ndarray
     begun: torch.Tensor
     states: torch.Tensor
@@ -81,34 +96,26 @@ class _Running(NamedTuple):
 
     def detached(self) -> "_Running":
         """The same, which no gradient goes back from."""
-        return self._replace(
-            states=self.states.detach(),
-            seen={name: value.detach() for name, value in self.seen.items()},
-            memory=type(self.memory)(*(part.detach() for part in self.memory)),
-            course=type(self.course)(*(part.detach() for part in self.course)),
-        )
+        running: _Running = tree_map(lambda tensor: tensor.detach(), self, torch.is_tensor)
+        return running
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> list[Any]:
         """As a checkpoint holds it."""
-        own = self._asdict()
-        return own | {"memory": list(self.memory), "course": list(self.course)}
+        return [*tree_leaves(self, _is_part), self.step]
 
-    @classmethod
-    def of(cls, state: dict[str, Any]) -> "_Running":
-        """From a checkpoint."""
-        tensors = {name: _tensors(value) for name, value in state.items() if name not in ("episodes", "step")}
-        memory, course = tensors.pop("memory"), tensors.pop("course")
-        own = Past(*memory) if memory else (), Course(*course) if course else ()
-        return cls(np.asarray(state["episodes"]), memory=own[0], course=own[1], step=int(state["step"]), **tensors)
+    def of(self, state: list[Any]) -> "_Running":
+        """From a checkpoint, into the form of this one."""
+        parts = iter(state)
+        found: _Running = tree_map(lambda part: _like(part, next(parts)), self, _is_part)
+        return found._replace(step=int(next(parts)))
 
 
-def _tensors(value: Any) -> Any:
-    """The arrays in a dict or a list, or an array itself, as tensors."""
-    if isinstance(value, dict):
-        return {name: _tensors(part) for name, part in value.items()}
-    if isinstance(value, list):
-        return [_tensors(part) for part in value]
-    return torch.as_tensor(value)
+def _is_part(value: Any) -> bool:
+    return torch.is_tensor(value) or is_array(value)
+
+
+def _like(part: Any, stored: Any) -> Any:
+    return torch.as_tensor(stored) if torch.is_tensor(part) else np.asarray(stored)
 
 
 class Descent:
@@ -137,18 +144,26 @@ class Descent:
         described = {"env": experiment.env, "options": experiment.options, **experiment.train.model_dump(mode="json")}
         found = augmentations(described)
         self.history = next((one for one in found if isinstance(one, History)), None)
-        self.correction = next((one for one in found if isinstance(one, Correction)), None)
+        self.correction: Any = next((one for one in found if not isinstance(one, History)), None)
         policy = cast(Any, model.policy)
         self.parameters = [*policy.mlp_extractor.policy_net.parameters(), *policy.action_net.parameters()]
         self.optimizer = torch.optim.Adam(self.parameters, lr=settings.learning_rate)
         self.round, self.rounds = 0, -(-settings.timesteps // (settings.horizon * settings.num_envs))
         self.success = float("nan")
+        self.repeats = experiment.train.repeat_failed
+        self.missed = np.zeros(0, np.int64)  # numbers of episodes that were not on target
         self.running: _Running | None = None  # that the next round goes on with
 
     @property
     def timesteps(self) -> int:
         """How many there are in all rounds."""
         return self.rounds * self.settings.horizon * self.settings.num_envs
+
+    @property
+    def slip(self) -> float:
+        """Speed at which dry friction has most of its value in the next round [rad/s]."""
+        first, last = self.settings.slip
+        return float(first * (last / first) ** (self.round / self.rounds))
 
     def begin(self) -> None:
         """Begin episodes of the environments, which PPO goes on with."""
@@ -163,13 +178,14 @@ class Descent:
     def state(self) -> dict[str, Any]:
         """All that determines what follows, beside model and statistics."""
         running = None if self.running is None else self.running.state()
-        return {"optimizer": self.optimizer.state_dict(), "round": self.round, "running": running}
+        own = {"round": self.round, "running": running, "missed": self.missed}
+        return {"optimizer": self.optimizer.state_dict(), **own}
 
     def go_on(self, state: dict[str, Any]) -> None:
         """Go on where `state` was told."""
         self.optimizer.load_state_dict(state["optimizer"])
-        self.round = state["round"]
-        self.running = None if state["running"] is None else _Running.of(state["running"])
+        self.round, self.missed = state["round"], np.asarray(state["missed"])
+        self.running = None if state["running"] is None else self._begun().of(state["running"])
 
     def give(self) -> None:
         """One round."""
@@ -192,25 +208,32 @@ class Descent:
     def _begun(self) -> _Running:
         """Episodes that begin in this round."""
         n = self.settings.num_envs
-        episodes, states, seen = self.episodes.begin(self.seed * _SEEDS + _SEEDS // 2, self.round * n)
+        chance = np.random.default_rng((self.seed, self.round))
+        again = self.missed[chance.random(len(self.missed)) < self.repeats][:n]
+        numbers = np.concatenate([again, self.round * n + np.arange(n - len(again))])
+        episodes, states, seen = self.episodes.begin(self.seed * _SEEDS + _SEEDS // 2, numbers)
         course: Any = ()
         if self.correction is not None:
-            course = _of_torch(self.correction.begun({name: value.numpy() for name, value in seen.items()}))
-        return _Running(episodes, states, states, seen, self._memory(seen["observation"]), course, torch.ones(n), 0)
+            begun = self.correction.begun({name: value.numpy() for name, value in seen.items()})
+            course = _of_torch(begun) if isinstance(begun, Course) else begun
+        memory = self._memory(seen["observation"])
+        return _Running(numbers, episodes, states, states, seen, memory, course, torch.ones(n), 0)
 
     def _loss(self, running: _Running) -> tuple[torch.Tensor, torch.Tensor, _Running]:
         """What is to be minimized, the observations before normalization, and where the episodes have come to."""
-        episodes, begun, states, seen, memory, course, alive, before = running
+        numbers, episodes, begun, states, seen, memory, course, alive, before = running
         n, env, correction = self.settings.num_envs, self.episodes, self.correction
-        told_of = env.go_on(episodes)
+        told_of = env.go_on(episodes, self.slip)
         begins = torch.full((n,), before == 0)
-        total, shown = torch.zeros(()), []
+        costs, errors, lives, shown = [], [], [], []
         for step in range(before + 1, before + self.settings.horizon + 1):
             told = seen["observation"]
             if memory:
                 told, memory = remembered(torch, told, memory, begins)
             if correction is not None:
-                told = torch.cat([told, correction.shown(torch, course)], dim=1)
+                if step > 1:
+                    course = correction.asked({name: value.detach().numpy() for name, value in seen.items()}, course)
+                told = torch.cat([told, correction.shown(_RETURNING, course)], dim=1)
             begins = torch.zeros(n, dtype=torch.bool)
             shown.append(told.detach())
             output = self._output({**seen, "observation": told})
@@ -226,12 +249,27 @@ class Descent:
             states = torch.where(alive > 0, states, begun)  # what has failed would go on to fly apart
             states, observation, achieved, error, limits, failed = env.step(told_of, states, actions, step)
             seen = {**seen, "observation": observation, "achieved_goal": achieved}
-            cost = self._cost(error) + _LIMIT_WEIGHT * limits + _EXCESS_WEIGHT * excess
-            total = total + torch.where(alive > 0, cost, torch.full_like(cost, _FAILED)).mean()
+            costs.append(_LIMIT_WEIGHT * limits + _EXCESS_WEIGHT * excess)
+            errors.append(torch.where(alive > 0, error, torch.zeros_like(error)))
+            lives.append(alive)
             alive = alive * (1.0 - failed.detach())
-        self.success = float((alive * (error.detach() <= self.tolerance)).mean())
-        reached = _Running(episodes, begun, states, seen, memory, course, alive, before + self.settings.horizon)
-        return total / self.settings.horizon, torch.cat(shown), reached.detached()
+        on_target = alive * (error.detach() <= self.tolerance)
+        self.success, self.missed = float(on_target.mean()), numbers[on_target.numpy() == 0]
+        step = before + self.settings.horizon
+        reached = _Running(numbers, episodes, begun, states, seen, memory, course, alive, step)
+        cost = torch.stack(costs) + self._cost_of(torch.stack(errors))
+        loss = torch.where(torch.stack(lives) > 0, cost, torch.full_like(cost, _FAILED)).mean()
+        return loss, torch.cat(shown), reached.detached()
+
+    def _cost_of(self, errors: torch.Tensor) -> torch.Tensor:
+        """What tip errors (steps, n) [m] cost in each step."""
+        share = self.settings.settling
+        cost = self._cost(errors)
+        if share:
+            to_come = errors.flip(0).cummax(dim=0).values.flip(0)
+            fourth = (to_come / self.tolerance) ** 4
+            cost = (1.0 - share) * cost + share * (fourth / (1.0 + fourth) + 0.1 * torch.log1p(fourth))
+        return cost
 
     def _cost(self, error: torch.Tensor) -> torch.Tensor:
         """The function c of the module."""

@@ -24,10 +24,13 @@ from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import MultiInputPolicy as SACPolicy
 from stable_baselines3.td3.policies import MultiInputPolicy as TD3Policy
 
+from tensegrity_agents.controllers.corrected import controller_to_correct
 from tensegrity_agents.controllers.model_features import ModelFeatures
+from tensegrity_agents.controllers.regulated import FullSpeed
 from tensegrity_agents.sb3.augmented import Augmentation
 from tensegrity_agents.sb3.correction import Correction
 from tensegrity_agents.sb3.features import GoalErrorExtractor
+from tensegrity_agents.sb3.feedback_correction import FeedbackCorrection
 from tensegrity_agents.sb3.flat import Flattening
 from tensegrity_agents.sb3.history import History
 from tensegrity_agents.whole_file import written_whole
@@ -160,10 +163,17 @@ def augmentations(description: Mapping[str, Any]) -> list[Augmentation]:
     if description.get("history"):
         found.append(History.of(int(description["history"]), space, action_space))
     if description.get("corrects"):
-        corrects = description["corrects"]
-        planner = str(corrects["controller"]), float(corrects["by"])
-        found.append(Correction(description["env"], description.get("options"), *planner))
+        found.append(_correction(description["corrects"], description["env"], description.get("options")))
     return found
+
+
+def _correction(corrects: Mapping[str, Any], env_id: str, options: Mapping[str, Any] | None) -> Augmentation:
+    """What corrects a plan, or a controller with feedback."""
+    controller, by = controller_to_correct(str(corrects["controller"]), env_id, options), float(corrects["by"])
+    if not isinstance(controller, FullSpeed):
+        return FeedbackCorrection(controller, by)
+    fades = corrects.get("fades")
+    return Correction(controller, by, None if fades is None else (int(fades[0]), int(fades[1])))
 
 
 def flattening(description: Mapping[str, Any]) -> Flattening | None:

@@ -144,6 +144,8 @@ class _Training(BaseCallback):
         total, model = self.settings.total_timesteps, self.algorithm
         self.begun = time.monotonic() - self.seconds
         with stopping() as self.stop:
+            if self.settings.corrects is not None and self.descent is None and model.num_timesteps == 0:
+                _correct_nothing(model)
             if self.lessons is not None:
                 self._be_taught(self.lessons)
             if self.descent is not None:
@@ -246,7 +248,8 @@ class _Training(BaseCallback):
         if ppo.log_std_end is not None:
             policy.log_std.data.fill_(ppo.log_std_init + (ppo.log_std_end - ppo.log_std_init) * self.share_done)
         done = self.algorithm.num_timesteps - self.taught
-        warm = self.taught > 0 and done < ppo.value_rollouts * ppo.n_steps * ppo.num_envs
+        begins_well = self.taught > 0 or self.settings.corrects is not None
+        warm = begins_well and done < ppo.value_rollouts * ppo.n_steps * ppo.num_envs
         for parameters in (policy.mlp_extractor.policy_net, policy.action_net):
             parameters.requires_grad_(not warm)
         policy.log_std.requires_grad_(ppo.log_std_end is None and not warm)
@@ -311,6 +314,14 @@ class _Training(BaseCallback):
         so_far = Progressed(seconds, segment, end, self.rows, self.evaluations, episodes, running, teaching)
         keep(self.folder / CHECKPOINT, self.described, model, env, so_far)
         self.saved = time.monotonic()
+
+
+def _correct_nothing(model: BaseAlgorithm) -> None:
+    """Let a policy begin as the controller that it corrects."""
+    policy = cast(Any, model.policy)
+    with torch.no_grad():
+        policy.action_net.weight *= 0.0
+        policy.action_net.bias *= 0.0
 
 
 def train(

@@ -79,13 +79,17 @@ DYNAMIC["DualTriangleFastReach"] = {
     "closed_form_plan": partial(FullSpeedPlan, base=ClosedFormSquares),
     "closed_form_shaped": partial(Shaped, base=ClosedFormSquares),
     "lqr": partial(Regulated, base=Observer),
-    "lqg": partial(LQG, base=ClosedFormSquares, softness=1.0, smoothing=8),  # tuned at level 2
+    "lqg": partial(LQG, base=ClosedFormSquares, softness=0.3, smoothing=10),  # tuned at level 0 (`tensegrity tune`)
     "oracle": partial(Regulated, base=Oracle),
 }
 
 # Of some ids, by their names, besides those of the arm.
 UNCERTAIN: Makers = {
-    "DualTriangleLoadedReachUncertain": {"mpc": partial(MPC, beliefs=DualTriangleBeliefs)},
+    "DualTriangleLoadedReachUncertain": {
+        # Tuned at level 2 (`tensegrity tune`), like those below.
+        "identifying_observer": partial(IdentifyingObserver, wait=2, mean=8, enough=0.8, looks=12),
+        "mpc": partial(MPC, beliefs=DualTriangleBeliefs),
+    },
     "DualTriangleLoadedReachMuJoCo": {"lqg": LoadedLQG},
     "DualTriangleLoadedReachUncertainMuJoCo": {"lqg": LoadedLQG},
 }

@@ -5,6 +5,7 @@ definite stiffness matrix. Inside the valid set the control inputs are smooth co
 follows any path in it, however the load pushes.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -198,31 +199,54 @@ def course(
     Returns:
         Shape (steps, segments) [rad]; after the end of the path, its last posture.
     """
+    return _courses(arm, [path], load[None], rate, steps, largest_turn)[0]
+
+
+def _courses(
+    arm: DualTriangle, paths: Sequence[np.ndarray], loads: np.ndarray, rate: float, steps: int, largest_turn: float
+) -> list[np.ndarray]:
+    """`course` of each of these paths under loads (n, 2) [N]; the control law is evaluated for all of them at once."""
+    fine = [_fine(path) for path in paths]
+    counts = [len(q) for q in fine]
+    inputs = _controls(arm, np.concatenate(fine), np.repeat(loads, counts, axis=0))
+    found = []
+    for q, u in zip(fine, np.split(inputs, np.cumsum(counts)[:-1]), strict=True):
+        change = np.abs(np.diff(u, axis=0)).max(axis=1) / rate
+        turn = np.abs(np.diff(q, axis=0)).max(axis=1)
+        cost = np.maximum(change, turn / largest_turn)
+        if cost.sum() > steps - 2:
+            cost = np.maximum(change, turn / 1.0)
+        done = np.concatenate([[0.0], np.cumsum(cost)])
+        places: Any = np.minimum(np.arange(1, steps + 1), done[-1])
+        found.append(np.stack([np.interp(places, done, angle) for angle in q.T], axis=1))
+    return found
+
+
+def _fine(path: np.ndarray) -> np.ndarray:
+    """A joint path in small pieces, shape (points, segments) [rad]."""
     pieces = [np.linspace(0.0, 1.0, 201)[1:, None] * (b - a) + a for a, b in pairwise(path)]
-    q = np.concatenate([path[:1], *pieces])
-    inputs = np.stack(arm.control(tuple(q.T), tuple(load)), axis=1)
-    change = np.abs(np.diff(inputs, axis=0)).max(axis=1) / rate
-    turn = np.abs(np.diff(q, axis=0)).max(axis=1)
-    cost = np.maximum(change, turn / largest_turn)
-    if cost.sum() > steps - 2:
-        cost = np.maximum(change, turn / 1.0)
-    done = np.concatenate([[0.0], np.cumsum(cost)])
-    places: Any = np.minimum(np.arange(1, steps + 1), done[-1])
-    return np.stack([np.interp(places, done, angle) for angle in q.T], axis=1)
+    return np.concatenate([path[:1], *pieces])
 
 
-def schedule(arm: DualTriangle, path: np.ndarray, load: np.ndarray, rate: float, steps: int) -> np.ndarray:
-    """Control inputs, step by step, that lead an arm along a joint path at full rate.
+def _controls(arm: DualTriangle, q: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """The control law in postures (n, segments) [rad] under loads (n, 2) [N], shape (n, segments) [m]."""
+    return np.stack(arm.control(tuple(q.T), tuple(load.T)), axis=1)
+
+
+def schedules(arm: DualTriangle, paths: Sequence[np.ndarray], loads: np.ndarray, rate: float, steps: int) -> np.ndarray:
+    """Control inputs, step by step, that lead arms along joint paths at full rate.
 
     Args:
         arm: nominal.
-        path: see `course`, likewise the others.
-        load: shape (2,) [N].
+        paths: n of them, see `course`, likewise the others.
+        loads: shape (n, 2) [N].
         rate: largest change of an input in one step [m].
         steps: as many as there are.
 
     Returns:
-        Shape (steps, segments) [m]; at the end of the path, its last inputs.
+        Shape (n, steps, segments) [m]; at the end of each path, its last inputs.
     """
-    along = course(arm, path, load, rate, steps)
-    return np.stack(arm.control(tuple(along.T), tuple(load)), axis=1)
+    if not len(paths):
+        return np.zeros((0, steps, arm.segments))
+    along = np.concatenate(_courses(arm, paths, loads, rate, steps, 0.2))
+    return _controls(arm, along, np.repeat(loads, steps, axis=0)).reshape(len(paths), steps, -1)

@@ -11,7 +11,7 @@ import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController, jacobian_at
 from tensegrity_agents.controllers.dual_triangle.identification import advance, explain
-from tensegrity_agents.controllers.dual_triangle.planning import RoadMap, choose_posture, schedule
+from tensegrity_agents.controllers.dual_triangle.planning import RoadMap, choose_posture, schedules
 from tensegrity_envs.mechanics.dual_triangle import DualTriangle, DualTriangleDesign
 from tensegrity_envs.mechanics.dual_triangle.redundancy import Objective
 from tensegrity_envs.observation import DecodedObservation
@@ -72,9 +72,19 @@ class ReachController(AnalyticController[Memory]):
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
         """See `AnalyticController.initial`."""
-        n, start = len(index), self._start(observed)
+        start = self._start(observed)
+        return self._remembering(self._plan(observed, start, index), start)
+
+    def held(self, observed: DecodedObservation) -> Memory:
+        """The memory of a plan that holds the inputs."""
+        inputs = observed.inputs
+        return self._remembering(np.repeat(inputs[:, None], STEPS, axis=1), np.zeros_like(inputs))
+
+    def _remembering(self, plan: np.ndarray, start: np.ndarray) -> Memory:
+        """The memory of these plans, from these configurations (n, segments) [rad]."""
+        n = len(plan)
         return Memory(
-            self._plan(observed, start, index),
+            plan,
             np.zeros(n, int),
             start,
             np.full(n, np.inf),
@@ -252,8 +262,7 @@ class Observer(ReachController):
         return self._scheduled(paths, load)
 
     def _scheduled(self, paths: list[np.ndarray], load: np.ndarray) -> np.ndarray:
-        plans = [schedule(self.nominal, p, f, self.rate, STEPS) for p, f in zip(paths, load, strict=True)]
-        return np.asarray(np.clip(np.stack(plans), -self.bound, self.bound))
+        return np.asarray(np.clip(schedules(self.nominal, paths, load, self.rate, STEPS), -self.bound, self.bound))
 
 
 class Oracle(Observer):

@@ -11,22 +11,25 @@ The servo moves its target: with the error e = target - mean tip that is left,
 
 an integral in steps. The identifying observer solves configuration and load anew from mean tip and command
 (`identification.explain`: the stable stationary points of the springs' energy along the tip's self-motion curve) and
-plans with these. A wrong stiffness is then told as a load that has the same effect where the arm is, and nearly the
-same where it goes.
+plans with these. At first it holds the inputs for `looks` steps, so that no plan rests on a single measurement. A wrong
+stiffness is then told as a load that has the same effect where the arm is, and nearly the same where it goes.
 """
 
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController, rows_of, with_rows
+from tensegrity_agents.controllers.base import rows_of, with_rows
+from tensegrity_agents.controllers.correctable import Correctable
 from tensegrity_agents.controllers.dual_triangle.reach import ClosedFormSquares, Memory, Observer, ReachController
-from tensegrity_agents.controllers.resting import ends_of_plans, first_tips, with_latest
+from tensegrity_agents.controllers.resting import LATEST, ends_of_plans, first_tips, with_latest
 from tensegrity_envs.core import Core
 from tensegrity_envs.mechanics.dual_triangle import DualTriangleDesign
 from tensegrity_envs.observation import DecodedObservation
 
 _STILL = 1e-9  # [m]
+_FAR, _SOON = 10.0, 20.0  # steps of the rate to the end of the plan, and of time, that are shown as 1
+_NEAR = 5.0  # tolerances that are
 
 
 class ServoMemory(NamedTuple):
@@ -38,6 +41,7 @@ class ServoMemory(NamedTuple):
         tips: the latest tips, the newest first, (n, 16, 2) [m].
         shift: of the target, (n, 2) [m].
         end: step of the plan from which on the command rests, (n,).
+        looks: whether the inputs are held for the first plan, (n,).
     """
 
     plan: Memory
@@ -45,25 +49,28 @@ class ServoMemory(NamedTuple):
     tips: np.ndarray
     shift: np.ndarray
     end: np.ndarray
+    looks: np.ndarray
 
 
-class Servo(AnalyticController[ServoMemory]):
+class Servo(Correctable[ServoMemory]):
     """Planned once, then its target moved by the mean error at rest. See the module.
 
     Args:
         core: of the environment.
+        wait: see the module.
+        mean: tips, at most 16.
+        enough: see the module.
+        looks: first steps in which the inputs are held, at most 16.
     """
 
     knows = "the nominal design; its own commands; mean tip at rest"
     planner_class: type[ReachController] = ClosedFormSquares
-    wait = 4  # steps
-    mean = 10  # tips, at most 16
-    enough = 0.4
     largest = 0.05  # [m]
     tunable: ClassVar[dict[str, tuple[float, ...]]] = {"wait": (3, 4, 6), "mean": (5, 8, 12), "enough": (0.2, 0.4, 0.6)}
 
-    def __init__(self, core: Core) -> None:
+    def __init__(self, core: Core, wait: int = 4, mean: int = 10, enough: float = 0.4, looks: int = 0) -> None:
         super().__init__(core)
+        self.wait, self.mean, self.enough, self.looks = wait, mean, enough, looks
         self.planner = self.planner_class(core)
 
     def _take(self, design: DualTriangleDesign) -> None:
@@ -73,18 +80,25 @@ class Servo(AnalyticController[ServoMemory]):
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> ServoMemory:
         """See `AnalyticController.initial`."""
-        plan = self.planner.initial(observed, index)
-        tips = first_tips(observed.tip)
-        return ServoMemory(plan, observed.inputs, tips, np.zeros((len(index), 2)), ends_of_plans(plan.plan, _STILL))
+        inputs, tips = observed.inputs, first_tips(observed.tip)
+        plan = self.planner.held(observed) if self.looks else self.planner.initial(observed, index)
+        end, looks = ends_of_plans(plan.plan, _STILL), np.full(len(index), self.looks > 0)
+        return ServoMemory(plan, inputs, tips, np.zeros((len(index), 2)), end, looks)
 
     def _act(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[np.ndarray, ServoMemory]:
         tips = with_latest(memory.tips, observed.tip)
         memory = memory._replace(tips=tips)
+        has_looked = memory.looks & (memory.plan.step == self.looks)
+        if has_looked.any():
+            looked = np.flatnonzero(has_looked)
+            memory = self._planned_anew(observed, memory, looked, self.looks, np.zeros((len(looked), 2)))
+            memory = memory._replace(looks=memory.looks & ~has_looked)
         error = np.hypot(*(observed.target - tips[:, : self.mean].mean(axis=1)).T)
-        rests = memory.plan.step >= memory.end + self.wait + self.mean
+        rests = ~memory.looks & (memory.plan.step >= memory.end + self.wait + self.mean)
         again = np.flatnonzero(rests & (error > self.enough * self.core.task.tolerance))
         if len(again):
-            memory = self._planned_anew(observed, memory, again)
+            shift = memory.shift[again] + self._shift(observed.take(again).replace(tip=self._mean(memory, again)))
+            memory = self._planned_anew(observed, memory, again, self.mean, shift)
         rows, plan = np.arange(len(tips)), memory.plan
         wanted = plan.plan[rows, np.minimum(plan.step, plan.plan.shape[1] - 1)]
         action = np.clip((wanted - memory.inputs) / self.rate, -1.0, 1.0)
@@ -92,11 +106,40 @@ class Servo(AnalyticController[ServoMemory]):
         inputs = np.clip(memory.inputs + self.rate * action, -bound, bound)
         return action, memory._replace(plan=plan._replace(step=plan.step + 1), inputs=inputs)
 
-    def _planned_anew(self, observed: DecodedObservation, memory: ServoMemory, index: np.ndarray) -> ServoMemory:
-        """The memory with new plans for the environments at `index`, where there are any."""
-        tip = memory.tips[index, : self.mean].mean(axis=1)
+    def given(self, before: ServoMemory, after: ServoMemory, action: np.ndarray) -> ServoMemory:
+        """See `Correctable.given`. The plan goes on from where the command has come to."""
+        bound = self.planner.bound
+        inputs = np.clip(before.inputs + self.rate * action, -bound, bound)
+        moved = np.clip(after.plan.plan + (inputs - after.inputs)[:, None], -bound, bound)
+        return after._replace(plan=after.plan._replace(plan=moved), inputs=inputs)
+
+    @property
+    def outlook_size(self) -> int:
+        """See `Correctable.outlook_size`."""
+        return self.core.simulation.action_size + 5
+
+    def outlook(self, observed: DecodedObservation, memory: ServoMemory) -> np.ndarray:
+        """See `Correctable.outlook`: the way to the end of the plan, and the time; and the error of the mean of the
+        latest tips, of `mean` and of 16, so that noise is averaged.
+        """
+        way = (memory.plan.plan[:, -1] - memory.inputs) / (_FAR * self.rate)
+        time = np.clip((memory.end - memory.plan.step) / _SOON, -1.0, 1.0)[:, None]
+        means = [memory.tips[:, :count].mean(axis=1) for count in (self.mean, LATEST)]
+        errors = [(observed.target - mean) / (_NEAR * self.core.task.tolerance) for mean in means]
+        return np.concatenate([way, time, *errors], axis=1)
+
+    def _mean(self, memory: ServoMemory, index: np.ndarray) -> np.ndarray:
+        """Mean of the latest tips of the environments at `index`, (len(index), 2) [m]."""
+        return np.asarray(memory.tips[index, : self.mean].mean(axis=1))
+
+    def _planned_anew(
+        self, observed: DecodedObservation, memory: ServoMemory, index: np.ndarray, count: int, shift: np.ndarray
+    ) -> ServoMemory:
+        """The memory with new plans for the environments at `index`, where there are any, from the mean of so many
+        tips to targets that are shifted (len(index), 2) [m].
+        """
+        tip = memory.tips[index, :count].mean(axis=1)
         seen = observed.take(index).replace(tip=tip, inputs=memory.inputs[index])
-        shift = memory.shift[index] + self._shift(seen)
         plan = self.planner.initial(seen.replace(target=seen.target + shift), index)
         fine = np.isfinite(plan.plan).all(axis=(1, 2))  # a target that was moved may be out of reach
         index, shift, plan = index[fine], shift[fine], rows_of(plan, np.flatnonzero(fine))
@@ -116,6 +159,12 @@ class IdentifyingObserver(Servo):
 
     knows = "the nominal design; its own commands; identifies the load from tip and command, again at rest"
     planner_class = Observer
+    tunable: ClassVar[dict[str, tuple[float, ...]]] = {
+        "looks": (0, 8, 12, 16),
+        "wait": (2, 4),
+        "mean": (5, 8, 12),
+        "enough": (0.4, 0.8),
+    }
 
     def _shift(self, seen: DecodedObservation) -> np.ndarray:
         return np.zeros_like(seen.tip)

@@ -7,14 +7,13 @@ import numpy as np
 
 from tensegrity_agents.controllers import dual_triangle
 from tensegrity_agents.controllers.base import jacobian_at
-from tensegrity_agents.controllers.dual_triangle.planning import schedule
+from tensegrity_agents.controllers.dual_triangle.planning import schedules
 from tensegrity_agents.controllers.dual_triangle.reach import STEPS, ReachController
 from tensegrity_agents.controllers.obstacles.clearing import KeepsOff
 from tensegrity_agents.controllers.obstacles.planning import PathPlanner
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
-_NO_LOAD = np.zeros(2)
 _TABLE, _ENDS = 20_000, 400  # postures, and those of them that are projected onto a target
 _SHARE = 0.95  # of the joint limits
 _ROUNDS, _DAMPING = 12, 1e-3  # of Newton's method; [m/rad]
@@ -35,11 +34,11 @@ class _Along(ReachController):
 
     def _plan(self, observed: DecodedObservation, start: np.ndarray, index: np.ndarray) -> np.ndarray:
         discs = self.planner.clearing.discs(observed).T
-        plans = []
+        paths = []
         for q, target, around in zip(start, observed.target, discs, strict=True):
-            path = [q, *(self._path(q, self.postures(target), around) or [q])]
-            plans.append(schedule(self.nominal, np.array(path), _NO_LOAD, self.rate, STEPS))
-        return np.asarray(np.clip(np.stack(plans), -self.bound, self.bound))
+            paths.append(np.array([q, *(self._path(q, self.postures(target), around) or [q])]))
+        plans = schedules(self.nominal, paths, np.zeros((len(paths), 2)), self.rate, STEPS)
+        return np.asarray(np.clip(plans, -self.bound, self.bound))
 
     @cached_property
     def _table(self) -> tuple[np.ndarray, np.ndarray]:

@@ -63,7 +63,7 @@ DYNAMIC["TwoXFastReach"] = {
     "closed_form_plan": partial(FullSpeedPlan, base=ClosedFormIK),
     "closed_form_shaped": partial(Shaped, base=ClosedFormIK),
     "lqr": partial(Regulated, base=Observer, shaper=None, softness=10.0),
-    "lqg": partial(LQG, base=ClosedFormIK),
+    "lqg": partial(LQG, base=ClosedFormIK, softness=0.3, smoothing=8),  # tuned (`tensegrity tune`)
     "oracle": partial(Regulated, base=Oracle, shaper=None, softness=10.0),
 }
 

@@ -1,0 +1,43 @@
+"""Controllers with feedback whose actions an agent can correct: they go on from what was done, not from what they said.
+
+A controller that follows its own command instead of the measured inputs has to be told where another action was taken,
+or else its command leads elsewhere than the arm's inputs.
+"""
+
+from abc import abstractmethod
+from typing import Any, TypeVar
+
+import numpy as np
+
+from tensegrity_agents.controllers.base import AnalyticController
+from tensegrity_envs.observation import DecodedObservation
+
+Memory = TypeVar("Memory", bound=tuple[Any, ...])
+
+
+class Correctable(AnalyticController[Memory]):
+    """A controller that can be corrected."""
+
+    @property
+    @abstractmethod
+    def outlook_size(self) -> int:
+        """How many numbers `outlook` has."""
+
+    @abstractmethod
+    def given(self, before: Memory, after: Memory, action: np.ndarray) -> Memory:
+        """What to remember where another action than the controller's own was taken.
+
+        Args:
+            before: what was remembered when the controller was asked.
+            after: what it wants to be remembered with its own action.
+            action: that was taken, shape (n, action size).
+        """
+
+    @abstractmethod
+    def outlook(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
+        """What the controller knows and is about to do, as numbers of about 1, shape (n, outlook_size).
+
+        Args:
+            observed: what it was asked about.
+            memory: what it wants to be remembered.
+        """

@@ -1,0 +1,124 @@
+"""An agent that corrects the actions of an analytic controller with feedback: residual learning [Johannink2019].
+
+The controller sees what the agent sees, before anything is appended to it, and says what it would do, a. The agent's
+output d moves that by up to `by`, in units of the environment's action:
+
+    a' = clip(a + by d, -1, 1).
+
+The controller is told a', and goes on from where that leads (`controllers.correctable`): with feedback, it plans from
+there. Appended to the entry "observation" are a and what the controller says of its intentions. With d = 0 the agent is
+the controller.
+
+[Johannink2019]: see `correction`.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium import spaces
+
+from tensegrity_agents.controllers.base import beginning, with_rows
+from tensegrity_agents.controllers.correctable import Correctable
+
+_MOST = 3.0  # of what the controller says
+
+
+class Advice(NamedTuple):
+    """What is remembered of n episodes.
+
+    Attributes:
+        action: of the controller, shape (n, action size).
+        said: all that it says, shape (n, action size + outlook size).
+        before: what it remembered when it was asked, a NamedTuple of arrays (n, ...).
+        after: what it wants to be remembered.
+    """
+
+    action: np.ndarray
+    said: np.ndarray
+    before: Any
+    after: Any
+
+
+class FeedbackCorrection:
+    """Asks a controller in every step, shows an agent what it says, and corrects that.
+
+    Args:
+        controller: which is asked.
+        by: largest correction, in units of the environment's action.
+    """
+
+    def __init__(self, controller: Correctable[Any], by: float) -> None:
+        self.controller, self.by = controller, by
+        self.size = int(controller.core.simulation.action_size)
+        self._observed = controller.core.schema.size
+
+    def space(self, space: spaces.Dict) -> spaces.Dict:
+        """The observation space with what the controller says."""
+        size = int(np.prod(space["observation"].shape or ())) + self.size + self.controller.outlook_size
+        return spaces.Dict({**space.spaces, "observation": spaces.Box(-np.inf, np.inf, (size,), np.float32)})
+
+    def __call__(
+        self, observation: dict[str, Any], memory: Advice | None = None, begins: np.ndarray | None = None
+    ) -> tuple[dict[str, Any], Advice]:
+        """The observation or batch of n observations with what the controller says, and what to remember.
+
+        Args:
+            observation: Dict of arrays, whatever else was appended to it.
+            memory: what `acted` returned; None at first.
+            begins: which of them begin an episode, shape (n,); by default all.
+        """
+        single = np.ndim(observation["observation"]) == 1
+        batch = {key: np.atleast_2d(np.asarray(value, np.float32)) for key, value in observation.items()}
+        asked = self._asked(batch, None if memory is None else memory.after, begins)
+        told = np.concatenate([batch["observation"], self.shown(np, asked)], axis=1)
+        return {**observation, "observation": told[0] if single else told}, asked
+
+    def begun(self, observation: dict[str, np.ndarray]) -> Advice:
+        """What is remembered of episodes that begin with these observations, shape (n, ...)."""
+        return self._asked(observation, None, None)
+
+    def asked(self, observation: dict[str, np.ndarray], memory: Advice) -> Advice:
+        """What is remembered one step after `memory`, with these observations, shape (n, ...)."""
+        return self._asked(observation, memory.after, np.zeros(len(memory.action), bool))
+
+    def _asked(self, observation: dict[str, np.ndarray], before: Any, begins: np.ndarray | None) -> Advice:
+        own = {**observation, "observation": observation["observation"][:, : self._observed]}
+        observed = self.controller.decode(own)
+        fresh = np.flatnonzero(beginning(len(observed), before, begins))
+        if before is None or len(fresh):
+            before = with_rows(before, fresh, self.controller.initial(observed.take(fresh), fresh))
+        action, after = self.controller.act(observed, before)
+        said = np.concatenate([action, self.controller.outlook(observed, after)], axis=1)
+        return Advice(action.astype(np.float32), np.clip(said, -_MOST, _MOST).astype(np.float32), before, after)
+
+    def shown(self, xp: Any, memory: Advice) -> Any:
+        """What is appended to observations, shape (n, action size + outlook size).
+
+        Args:
+            xp: numpy or torch.
+            memory: what is remembered.
+        """
+        return xp.asarray(memory.said)
+
+    def action(self, xp: Any, memory: Advice, corrections: Any) -> Any:
+        """The environment's actions, shape (n, action size), for corrections within [-1, 1]."""
+        return xp.clip(xp.asarray(memory.action) + self.by * corrections, -1.0, 1.0)
+
+    def bounded(self, xp: Any, memory: Advice, actions: Any) -> Any:
+        """What of these actions counts: all."""
+        return actions
+
+    def after(self, xp: Any, memory: Advice, actions: Any) -> Advice:
+        """What is remembered after actions of the environment; no gradient goes by way of it."""
+        return self.acted(memory, np.asarray(actions.detach() if hasattr(actions, "detach") else actions))
+
+    def applied(self, memory: Advice, actions: np.ndarray) -> np.ndarray:
+        """The environment's actions for those of the agent, of shape (n, action size) or of one environment."""
+        corrections = np.reshape(actions, (-1, self.size)).astype(np.float32)
+        given: np.ndarray = self.action(np, memory, corrections)
+        return given.reshape(np.shape(actions))
+
+    def acted(self, memory: Advice, actions: np.ndarray) -> Advice:
+        """What to remember after these actions of the environment."""
+        taken = np.reshape(actions, (-1, self.size)).astype(float)
+        return memory._replace(after=self.controller.given(memory.before, memory.after, taken))

@@ -1,0 +1,117 @@
+"""Agents that correct a controller with feedback: against the controller itself, and the command that it follows."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+import tensegrity_envs
+from tensegrity_agents.config import Experiment
+from tensegrity_agents.controllers import baselines_of, make_controller
+from tensegrity_agents.controllers.correctable import Correctable
+from tensegrity_agents.sb3.augmented import AugmentedVecEnv
+from tensegrity_agents.sb3.feedback_correction import FeedbackCorrection
+from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, augmentations, plain_policy
+from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
+from tensegrity_envs.seeding import VALIDATION_SEED
+
+LOADED = "tensegrity/DualTriangleLoadedReachUncertain-v0"
+CORRECTABLE = [
+    (env_id, name)
+    for env_id in tensegrity_envs.ENV_IDS
+    if "MuJoCo" not in env_id
+    for name in baselines_of(env_id)
+    if isinstance(make_controller(name, env_id), Correctable)
+]
+
+
+def test_there_are_controllers_to_correct():
+    assert (LOADED, "identifying_observer") in CORRECTABLE
+
+
+def described(env_id: str, controller: str) -> dict[str, Any]:
+    train = {"total_timesteps": 1000, "net_arch": [8], "history": 2, "corrects": {"controller": controller, "by": 1.0}}
+    return {"env": env_id, "options": {}, **Experiment(env=env_id, train=train).train.model_dump(mode="json")}
+
+
+def agent_of(description: dict[str, Any], scale: float) -> TrainedPolicy:
+    """An agent whose outputs are of some size, or zero."""
+    torch.manual_seed(0)
+    policy = plain_policy(description)
+    with torch.no_grad():
+        policy.action_net.weight *= scale
+        policy.action_net.bias *= scale
+    policy.set_training_mode(False)
+    size = policy.observation_space["observation"].shape[0]
+    return TrainedPolicy(policy, Normalization(np.zeros(size), np.ones(size), 10.0, 1e-8), description)
+
+
+def envs_of(env_id: str, count: int, **options: Any) -> Any:
+    return gym.make_vec(env_id, count, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **options)
+
+
+@pytest.mark.parametrize(("env_id", "name"), CORRECTABLE)
+def test_without_corrections_it_is_the_controller(env_id, name):
+    controller, agent = make_controller(name, env_id), agent_of(described(env_id, name), 0.0)
+    envs = envs_of(env_id, 8)
+    seen, _ = envs.reset(seed=VALIDATION_SEED)
+    states, begins = [None, None], np.ones(8, bool)
+    for _ in range(60):
+        wanted, states[0] = controller.predict(seen, states[0], begins)
+        given, states[1] = agent.predict(seen, states[1], begins)
+        np.testing.assert_allclose(given, wanted, atol=1e-5)
+        seen, _, terminated, truncated, _ = envs.step(given)
+        begins = terminated | truncated
+
+
+@pytest.mark.parametrize(("env_id", "name"), CORRECTABLE)
+def test_a_corrected_controller_knows_where_its_command_has_come_to(env_id, name):
+    """Without a delay, measured inputs are the command, whatever was done."""
+    level = {"level": 0} if "Uncertain" in env_id else {}
+    correction: Any = FeedbackCorrection(make_controller(name, env_id, level), 1.0)
+    envs = envs_of(env_id, 8, **level)
+    seen, _ = envs.reset(seed=1)
+    memory, begins, chance = None, np.ones(8, bool), np.random.default_rng(0)
+    for _ in range(30):
+        _, memory = correction(seen, memory, begins)
+        np.testing.assert_allclose(memory.before.inputs, correction.controller.decode(seen).inputs, atol=1e-5)
+        actions = correction.applied(memory, chance.uniform(-0.5, 0.5, (8, correction.size)))
+        memory = correction.acted(memory, actions)
+        seen, _, terminated, truncated, _ = envs.step(actions)
+        begins = terminated | truncated
+
+
+@pytest.mark.parametrize(("env_id", "name"), CORRECTABLE)
+def test_agents_are_shown_the_same_in_training_and_after(env_id, name):
+    """By the wrappers of training and by `predict`, which remembers for itself; for one episode as for many."""
+    description = described(env_id, name)
+    envs: Any = VectorEnvAdapter(envs_of(env_id, 5, max_episode_steps=25))
+    for one in augmentations(description):
+        envs = AugmentedVecEnv(envs, one)
+    twin = VectorEnvAdapter(envs_of(env_id, 5, max_episode_steps=25))
+    agent = agent_of(description, 30.0)
+    envs.seed(3)
+    twin.seed(3)
+    told, plain, state, alone, begins = envs.reset(), twin.reset(), None, None, np.ones(5, bool)
+    assert told["observation"].shape[1:] == envs.observation_space["observation"].shape
+    for _ in range(60):
+        actions, state = agent.predict(plain, state, begins)
+        action, alone = agent.predict({key: value[2] for key, value in plain.items()}, alone, begins[2:3])
+        np.testing.assert_allclose(action, actions[2], atol=1e-4)
+        corrections, _ = agent.policy.predict(agent.normalization(told), deterministic=True)
+        told, _, begins, infos = envs.step(corrections)
+        plain, _, _, _ = twin.step(actions)
+        np.testing.assert_allclose(
+            told["observation"][:, : plain["observation"].shape[1]], plain["observation"], atol=1e-4
+        )
+        for i in np.flatnonzero(begins):
+            assert infos[i]["terminal_observation"]["observation"].shape == told["observation"][i].shape
+
+
+def test_a_controller_that_cannot_be_corrected_is_explained_with_those_that_can():
+    with pytest.raises(ValueError, match=r"'mpc' of .* cannot be corrected; servo, identifying_observer can"):
+        Experiment(env=LOADED, train={"total_timesteps": 1000, "corrects": {"controller": "mpc"}})
+    with pytest.raises(ValueError, match="no controller of this id can"):
+        Experiment(env="tensegrity/TwoXReach-v0", train={"total_timesteps": 1000, "corrects": {"controller": "random"}})
