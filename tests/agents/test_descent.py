@@ -16,6 +16,7 @@ from tensegrity_agents.config import ConfigError, Experiment, load_experiment
 from tensegrity_agents.sb3 import descent as module
 from tensegrity_agents.sb3 import smooth_episodes
 from tensegrity_agents.sb3.algorithms import make_environment, make_model
+from tensegrity_agents.sb3.checkpoint import with_later_settings
 from tensegrity_agents.sb3.descent import Descent
 from tensegrity_agents.sb3.policy_file import load_policy
 from tensegrity_agents.sb3.smooth_episodes import SmoothEpisodes
@@ -243,3 +244,11 @@ def test_the_command_says_what_is_missing(tmp_path, monkeypatch):
     assert "training through the gradient of the dynamics needs" in result.output
     assert "tensegrity-envs[jax]" in result.output
     assert "Traceback" not in result.output
+
+
+def test_settings_of_the_gradient_that_came_later_had_their_default():
+    """As JSON has them: two numbers are a list there."""
+    now = small().train.model_dump(mode="json")
+    before = now | {"gradient": {key: now["gradient"][key] for key in ("timesteps", "num_envs", "horizon", "substeps")}}
+    assert with_later_settings(before, now) == now
+    assert with_later_settings(before | {"history": 5}, now) != now

@@ -204,12 +204,13 @@ def with_later_settings(before: dict[str, Any], described: dict[str, Any]) -> di
 
 
 def _defaults(model: type[BaseModel]) -> dict[str, Any]:
-    """The defaults of those settings that have some."""
-    return {
+    """The defaults of those settings that have some, as JSON has them: lists, not tuples."""
+    defaults = {
         key: field.get_default(call_default_factory=True)
         for key, field in model.model_fields.items()
         if not field.is_required()
     }
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in defaults.items()}
 
 
 def adapter_of(env: VecNormalize) -> VectorEnvAdapter | LevelsVecEnv:
