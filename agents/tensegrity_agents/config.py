@@ -22,7 +22,6 @@ from tensegrity_agents import env_options
 from tensegrity_agents.controllers import baselines_of, teachers_of
 from tensegrity_agents.controllers.corrected import controller_to_correct
 from tensegrity_agents.controllers.model_features import ModelFeatures
-from tensegrity_agents.controllers.regulated import FullSpeed
 from tensegrity_agents.own_modules import own_module
 from tensegrity_agents.yaml_file import ConfigError, read_yaml
 from tensegrity_envs.env import unwrapped
@@ -101,19 +100,10 @@ class TeacherSettings(_Strict):
 
 
 class CorrectionSettings(_Strict):
-    """The agent corrects what an analytic controller has planned. See `sb3.correction`."""
+    """The agent corrects an analytic controller. See `sb3.correction` and `sb3.feedback_correction`."""
 
-    controller: str = Field(description="that plans the inputs at full speed, such as closed_form_plan")
+    controller: str = Field(description="that plans the inputs at full speed, or has feedback and can be corrected")
     by: float = Field(4.0, gt=0, description="largest correction, in steps of the inputs' rate")
-    fades: tuple[int, int] | None = Field(
-        None, description="steps from which on corrections of a plan get smaller, and from which on there are none"
-    )
-
-    @model_validator(mode="after")
-    def _fades_in_order(self) -> "CorrectionSettings":
-        if self.fades is not None and not 0 <= self.fades[0] < self.fades[1]:
-            raise ValueError(f"fades: {list(self.fades)}: must be two steps, the second after the first")
-        return self
 
 
 class GradientSettings(_Strict):
@@ -124,11 +114,6 @@ class GradientSettings(_Strict):
     horizon: int = Field(40, ge=2, description="steps of each, from its beginning on")
     learning_rate: float = Field(1e-3, gt=0, description="at the start; falls linearly to zero")
     substeps: int = Field(5, ge=1, description="time steps in each step")
-    slip: tuple[PositiveFloat, PositiveFloat] = Field(
-        (0.05, 0.05),
-        description="speed of a joint at which dry friction has 0.7 of its value [rad/s], at the start and at the end; "
-        "in between it changes by the same factor in each update",
-    )
     settling: float = Field(
         0.0, ge=0, le=1, description="share of the cost that counts the largest error to come, not that of the moment"
     )
@@ -359,13 +344,9 @@ class Experiment(_Strict):
         train = self.train
         if train.corrects is not None:
             try:
-                controller = controller_to_correct(train.corrects.controller, self.env, self.options)
+                controller_to_correct(train.corrects.controller, self.env, self.options)
             except ValueError as error:
                 raise ValueError(f"corrects.controller: {error}") from error
-            if train.corrects.fades is not None and not isinstance(controller, FullSpeed):
-                raise ValueError(
-                    f"corrects.fades: {train.corrects.controller} makes no plan; only corrections of it fade"
-                )
             if not train.is_on_policy:
                 raise ValueError(f"corrects: needs algorithm: ppo or recurrent_ppo, not {train.algorithm}")
         if train.gradient is not None:

@@ -55,10 +55,9 @@ def small(rounds=4, **changes):
     return Experiment(env=changes.pop("env", FAST), train=settings | changes)
 
 
-FADING = {"controller": "closed_form_plan", "fades": [2, 5]}
 VARIANTS = {
     "plan": {},
-    "settling": {"gradient": {"settling": 0.5}, "corrects": FADING, "repeat_failed": 0.5},
+    "settling": {"gradient": {"settling": 0.5}, "repeat_failed": 0.5},
     "feedback": {"env": LOADED, "corrects": {"controller": "identifying_observer", "by": 1.0}, "repeat_failed": 0.9},
 }
 
@@ -247,7 +246,6 @@ def test_the_command_says_what_is_missing(tmp_path, monkeypatch):
 
 
 def test_settings_of_the_gradient_that_came_later_had_their_default():
-    """As JSON has them: two numbers are a list there."""
     now = small().train.model_dump(mode="json")
     before = now | {"gradient": {key: now["gradient"][key] for key in ("timesteps", "num_envs", "horizon", "substeps")}}
     assert with_later_settings(before, now) == now

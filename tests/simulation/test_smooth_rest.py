@@ -21,7 +21,7 @@ def test_steps_are_those_of_the_environment_and_have_its_derivatives(env_id):
     core = unwrapped(gym.make(f"tensegrity/{env_id}")).core
     smooth = SmoothEpisodes(core, N, 1)
     episodes, states, _ = smooth.begin(3, np.arange(N))
-    told = smooth.go_on(episodes, 0.05)
+    told = smooth.go_on(episodes)
     _, outcomes = core.begin(np.full(N, 3), np.arange(N))
     rng = np.random.default_rng(0)
     alive = np.ones(N, bool)

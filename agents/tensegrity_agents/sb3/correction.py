@@ -7,11 +7,8 @@ rate, and the environment's action is
     a_k = clip((u*_k - u_k) / rate + by d_k, -1, 1),    u_(k+1) = clip(u_k + rate a_k).
 
 u is the controller's own command: where a delay holds actions back, measured inputs would ask for the same step twice.
-Corrections may fade away: d is multiplied by 1 until step A, by 0 from step B on, and linearly less in between; the
-inputs then rest exactly where the controller has them. Else they do so with d = 0.
-
 Appended to the entry "observation" are, in steps, how far the command is from u*_k, from where it is to be two steps
-later, and from the plan's end, and, where corrections fade, the factor of d.
+later, and from the plan's end. At the plan's end and with d = 0 the inputs rest where the controller has them.
 
 [Johannink2019] Johannink, Bahl, Nair, Luo, Kumar, Loskyll, Ojea, Solowjow, Levine, "Residual reinforcement learning for
 robot control", ICRA 2019.
@@ -22,10 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from tensegrity_agents.controllers.base import beginning
+from tensegrity_agents.controllers.base import beginning, with_rows
 from tensegrity_agents.controllers.regulated import FullSpeed
 
-_STEPS = 40  # of a plan that are kept; it rests after half as many
 _NEAR, _FAR = 3.0, 10.0  # steps that are shown as 1, of what is near along the plan and of its end
 _MOST = 3.0  # what is shown of the former at most
 _LATER = 2  # steps
@@ -51,12 +47,11 @@ class Correction:
     Args:
         planner: the controller.
         by: largest correction, in steps of the inputs' rate.
-        fades: steps A and B; None where corrections do not fade.
     """
 
-    def __init__(self, planner: FullSpeed[Any], by: float, fades: tuple[int, int] | None = None) -> None:
+    def __init__(self, planner: FullSpeed[Any], by: float) -> None:
         core = planner.core
-        self.planner, self.by, self.fades = planner, by, fades
+        self.planner, self.by = planner, by
         simulation: Any = core.simulation
         self.rate, self.size = float(simulation.rate), int(simulation.action_size)
         self.low, self.high = (float(bound) for bound in simulation.bounds(core.nominal))
@@ -64,7 +59,7 @@ class Correction:
 
     def space(self, space: spaces.Dict) -> spaces.Dict:
         """The observation space with what is shown of the plan."""
-        size = int(np.prod(space["observation"].shape or ())) + 3 * self.size + (self.fades is not None)
+        size = int(np.prod(space["observation"].shape or ())) + 3 * self.size
         return spaces.Dict({**space.spaces, "observation": spaces.Box(-np.inf, np.inf, (size,), np.float32)})
 
     def __call__(
@@ -81,12 +76,9 @@ class Correction:
         batch = {key: np.atleast_2d(np.asarray(value, np.float32)) for key, value in observation.items()}
         n = len(batch["observation"])
         fresh = np.flatnonzero(beginning(n, memory, begins))
-        if memory is None:
-            empty = np.zeros((n, _STEPS, self.size), np.float32)
-            memory = Course(empty, empty[:, 0], np.zeros(n, np.int64))
-        if len(fresh):
+        if memory is None or len(fresh):
             begun = self.begun({key: value[fresh] for key, value in batch.items()})
-            memory = Course(*(_with_rows(old, fresh, new) for old, new in zip(memory, begun, strict=True)))
+            memory = with_rows(memory, fresh, begun)
         told = np.concatenate([batch["observation"], self.shown(np, memory)], axis=1)
         return {**observation, "observation": told[0] if single else told}, memory
 
@@ -94,7 +86,7 @@ class Correction:
         """What is remembered of episodes that begin with these observations, shape (n, ...)."""
         own = {**observation, "observation": observation["observation"][:, : self._observed]}
         inputs = self.planner.decode(own).inputs.astype(np.float32)
-        plan = self.planner.plan_for(own)[:, :_STEPS].astype(np.float32)
+        plan = self.planner.plan_for(own).astype(np.float32)
         return Course(plan, inputs, np.zeros(len(plan), np.int64))
 
     def asked(self, observation: dict[str, np.ndarray], course: Course) -> Course:
@@ -102,7 +94,7 @@ class Correction:
         return course
 
     def shown(self, xp: Any, course: Course) -> Any:
-        """What is appended to observations, shape (n, 3 inputs), or (n, 3 inputs + 1) where corrections fade.
+        """What is appended to observations, shape (n, 3 inputs).
 
         Args:
             xp: numpy or torch, whose arrays are in the memory.
@@ -110,20 +102,10 @@ class Correction:
         """
         near = [self._off(xp, course, later) / _NEAR for later in (0, _LATER)]
         end = (course.plan[:, -1] - course.command) / (_FAR * self.rate)
-        share = [] if self.fades is None else [self._share(xp, course)]
-        return xp.concatenate([*(xp.clip(part, -_MOST, _MOST) for part in near), end, *share], axis=1)
-
-    def _share(self, xp: Any, course: Course) -> Any:
-        """By how much corrections count, shape (n, 1)."""
-        assert self.fades is not None
-        first, last = self.fades
-        steps = xp.clip(course.step, first, last)
-        return xp.asarray((last - steps[:, None]) / (last - first), dtype=xp.float32)
+        return xp.concatenate([*(xp.clip(part, -_MOST, _MOST) for part in near), end], axis=1)
 
     def action(self, xp: Any, course: Course, corrections: Any) -> Any:
         """The environment's actions, shape (n, inputs), for corrections within [-1, 1]."""
-        if self.fades is not None:
-            corrections = self._share(xp, course) * corrections
         return xp.clip(self._off(xp, course, 0) + self.by * corrections, -1.0, 1.0)
 
     def bounded(self, xp: Any, course: Course, actions: Any) -> Any:
@@ -150,9 +132,3 @@ class Correction:
     def acted(self, memory: Course, actions: np.ndarray) -> Course:
         """What to remember after these actions of the environment."""
         return self.after(np, memory, np.reshape(actions, (-1, self.size)).astype(np.float32))
-
-
-def _with_rows(values: np.ndarray, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
-    changed = values.copy()
-    changed[rows] = new
-    return changed

@@ -65,7 +65,6 @@ _RETURNING = SimpleNamespace(
     arange=torch.arange,
     concatenate=torch.concatenate,
     asarray=torch.as_tensor,
-    float32=torch.float32,
 )
 
 
@@ -159,12 +158,6 @@ class Descent:
         """How many there are in all rounds."""
         return self.rounds * self.settings.horizon * self.settings.num_envs
 
-    @property
-    def slip(self) -> float:
-        """Speed at which dry friction has most of its value in the next round [rad/s]."""
-        first, last = self.settings.slip
-        return float(first * (last / first) ** (self.round / self.rounds))
-
     def begin(self) -> None:
         """Begin episodes of the environments, which PPO goes on with."""
         self.model._last_obs = self.env.reset()
@@ -223,7 +216,7 @@ class Descent:
         """What is to be minimized, the observations before normalization, and where the episodes have come to."""
         numbers, episodes, begun, states, seen, memory, course, alive, before = running
         n, env, correction = self.settings.num_envs, self.episodes, self.correction
-        told_of = env.go_on(episodes, self.slip)
+        told_of = env.go_on(episodes)
         begins = torch.full((n,), before == 0)
         costs, errors, lives, shown = [], [], [], []
         for step in range(before + 1, before + self.settings.horizon + 1):

@@ -170,10 +170,7 @@ def augmentations(description: Mapping[str, Any]) -> list[Augmentation]:
 def _correction(corrects: Mapping[str, Any], env_id: str, options: Mapping[str, Any] | None) -> Augmentation:
     """What corrects a plan, or a controller with feedback."""
     controller, by = controller_to_correct(str(corrects["controller"]), env_id, options), float(corrects["by"])
-    if not isinstance(controller, FullSpeed):
-        return FeedbackCorrection(controller, by)
-    fades = corrects.get("fades")
-    return Correction(controller, by, None if fades is None else (int(fades[0]), int(fades[1])))
+    return Correction(controller, by) if isinstance(controller, FullSpeed) else FeedbackCorrection(controller, by)
 
 
 def flattening(description: Mapping[str, Any]) -> Flattening | None:

@@ -62,12 +62,12 @@ class SmoothEpisodes:
         states = torch.from_numpy(np.ascontiguousarray(outcomes[self._from], np.float32))
         return episodes, states, seen
 
-    def go_on(self, episodes: np.ndarray, slip: float) -> Any:
-        """What `step` is told of episodes of `begin`, and at what speed dry friction has most of its value [rad/s]."""
+    def go_on(self, episodes: np.ndarray) -> Any:
+        """What `step` is told of episodes of `begin`."""
         import jax.numpy as jnp
 
         self._noise_of = self._noise(episodes)
-        return jnp.asarray(episodes, jnp.float32), jnp.float32(slip)
+        return jnp.asarray(episodes, jnp.float32)
 
     def _noise(self, episodes: np.ndarray) -> Callable[[int], np.ndarray]:
         """The noise of these episodes after so many steps, as the environment has it; shape (0, n) without any."""
@@ -86,11 +86,11 @@ class SmoothEpisodes:
 
         return noise
 
-    def step(self, told: Any, states: torch.Tensor, actions: torch.Tensor, step: int) -> tuple[torch.Tensor, ...]:
+    def step(self, episodes: Any, states: torch.Tensor, actions: torch.Tensor, step: int) -> tuple[torch.Tensor, ...]:
         """One step of all.
 
         Args:
-            told: by `go_on`.
+            episodes: of `go_on`.
             states: shape (rows, n).
             actions: shape (n, action size).
             step: its number, from 1 on.
@@ -100,18 +100,17 @@ class SmoothEpisodes:
             cost (n,), and which episodes have failed (n,).
         """
         differentiable: Any = _Step.apply
-        found: tuple[torch.Tensor, ...] = differentiable(self, told, states, actions, self._noise_of(step))
+        found: tuple[torch.Tensor, ...] = differentiable(self, episodes, states, actions, self._noise_of(step))
         return found
 
-    def _step(self, told: Any, states: Any, actions: Any, noise: Any) -> tuple[Any, ...]:
+    def _step(self, episodes: Any, states: Any, actions: Any, noise: Any) -> tuple[Any, ...]:
         import jax
         import jax.numpy as jnp
 
-        episodes, slip = told
         if self.noisy:
             states = states.at[jnp.array([int(row) for row in self.rows.noise])].set(noise)
         outcome, room = self._smooth.step(
-            _tree(self.core.episodes.rows, episodes), _tree(self.rows, states), tuple(actions.T), slip
+            _tree(self.core.episodes.rows, episodes), _tree(self.rows, states), tuple(actions.T)
         )
         after = outcome.state
 
@@ -129,11 +128,11 @@ class SmoothEpisodes:
         observation, achieved, (error, limits) = (jnp.where(finite, matrix(part), 0.0) for part in told)
         return jnp.where(finite, rows, states), observation.T, achieved.T, error, limits, failed
 
-    def _pulled_back(self, told: Any, states: Any, actions: Any, noise: Any, gradients: Any) -> Any:
+    def _pulled_back(self, episodes: Any, states: Any, actions: Any, noise: Any, gradients: Any) -> Any:
         """The gradient in states and actions, from that in the results of a step, which is computed anew for it."""
         import jax
 
-        return jax.vjp(lambda s, a: self._step(told, s, a, noise), states, actions)[1](gradients)
+        return jax.vjp(lambda s, a: self._step(episodes, s, a, noise), states, actions)[1](gradients)
 
 
 class _Step(torch.autograd.Function):
@@ -141,11 +140,11 @@ class _Step(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, env: SmoothEpisodes, told: Any, states: torch.Tensor, actions: torch.Tensor, noise: np.ndarray
+        ctx: Any, env: SmoothEpisodes, episodes: Any, states: torch.Tensor, actions: torch.Tensor, noise: np.ndarray
     ) -> tuple[torch.Tensor, ...]:
         given = states.detach().numpy(), actions.detach().numpy(), noise
-        ctx.env, ctx.given = env, (told, *given)
-        return tuple(torch.from_numpy(np.array(value)) for value in env._forward(told, *given))
+        ctx.env, ctx.given = env, (episodes, *given)
+        return tuple(torch.from_numpy(np.array(value)) for value in env._forward(episodes, *given))
 
     @staticmethod
     def backward(ctx: Any, *gradients: Any) -> Any:

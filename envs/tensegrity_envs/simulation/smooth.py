@@ -23,7 +23,7 @@ from tensegrity_envs.simulation.dynamic import DynamicControl, Motion, check_smo
 from tensegrity_envs.simulation.protocol import Episode, State
 
 Nodes = dict[str, Any]
-SLIP = 0.05  # [rad/s], at which dry friction has 0.7 of its value
+_SLIP = 0.05  # [rad/s], at which dry friction has 0.7 of its value
 
 
 class SmoothDynamics:
@@ -52,14 +52,8 @@ class SmoothDynamics:
         parents = [linkage.bodies[body.parent].frame if body.parent else None for body in linkage.bodies[1:]]
         self._hinges = [(body.frame, parent) for body, parent in zip(linkage.bodies[1:], parents, strict=True)]
 
-    def step(self, episode: Episode, state: State, action: Components, slip: Component = SLIP) -> tuple[Any, Component]:
+    def step(self, episode: Episode, state: State, action: Components) -> tuple[Any, Component]:
         """The outcome one step later; its state's `physics` are the inputs that the actuators have reached.
-
-        Args:
-            episode: whose step it is.
-            state: before it.
-            action: that is given.
-            slip: at which dry friction has 0.7 of its value [rad/s].
 
         Returns:
             The outcome, nothing of which is differentiated by way of the margins; and the stability margin: an arm in
@@ -68,16 +62,14 @@ class SmoothDynamics:
         core = self.core
         assert isinstance(core.simulation, DynamicControl)
         command = core.command(episode, state, action)
-        motion = self.move(episode, state, command.state.inputs, command.load, slip)
+        motion = self.move(episode, state, command.state.inputs, command.load)
         after = core.simulation.finish_step(core.mechanism(episode.design), episode, command.state, motion)
         # Eigenvalues are dear to differentiate, and what the margins tell is hardly what an action is for.
         margins = (jax.lax.stop_gradient(margin) for margin in (after.stability_margin, after.wrench_margin))
         after = after._replace(**dict(zip(("stability_margin", "wrench_margin"), margins, strict=True)))
         return core.outcome(episode, core.with_clearance(episode, command.state, after)), after.stability_margin
 
-    def move(
-        self, episode: Episode, state: State, inputs: Components, load: Components, slip: Component = SLIP
-    ) -> Motion:
+    def move(self, episode: Episode, state: State, inputs: Components, load: Components) -> Motion:
         """What the engine would find at the end of a step under these inputs."""
         mechanism = self.core.mechanism(episode.design)
         random = episode.random
@@ -97,7 +89,7 @@ class SmoothDynamics:
             rates = [sum(t * rate for t, rate in zip(turn, v, strict=True)) for turn in turns]
             u, pull_back = jax.vjp(lambda *at: tuple(self.control.to_coordinates(mechanism, at)), *q)
             gradient = pull_back(tuple(self.control.statics(mechanism, u, reached, load)[0]))
-            drag = [damping + friction / jnp.sqrt(rate * rate + slip * slip) for rate in rates]
+            drag = [damping + friction / jnp.sqrt(rate * rate + _SLIP * _SLIP) for rate in rates]
             force = [
                 -g - b - sum(t[i] * c * rate for t, c, rate in zip(turns, drag, rates, strict=True))
                 for i, (g, b) in enumerate(zip(gradient, bias, strict=True))

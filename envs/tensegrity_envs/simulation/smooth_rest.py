@@ -36,8 +36,8 @@ class SmoothRest:
         assert isinstance(core.simulation, InputControl)
         self.core, self.control = core, core.simulation
 
-    def step(self, episode: Episode, state: State, action: Components, slip: Component = 0.0) -> tuple[Any, Component]:
-        """The outcome one step later, and how far it is from losing its equilibrium; at rest nothing slips.
+    def step(self, episode: Episode, state: State, action: Components) -> tuple[Any, Component]:
+        """The outcome one step later, and how far it is from losing its equilibrium.
 
         Returns:
             The outcome, nothing of which is differentiated by way of the margins; and the stability margin, which
