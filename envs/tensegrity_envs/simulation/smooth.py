@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from tensegrity_envs.compiler.namespace import Component, Components
 from tensegrity_envs.mechanics.equilibrium import solve_symmetric
 from tensegrity_envs.simulation.dynamic import DynamicControl, Motion, check_smooth
+from tensegrity_envs.simulation.mujoco.linkage import usual_radius
 from tensegrity_envs.simulation.protocol import Episode, State
 
 Nodes = dict[str, Any]
@@ -181,11 +182,11 @@ class _Rigid(NamedTuple):
         """That of the bars of a body: cylinders, as in MuJoCo's model (`mujoco.building`)."""
         a, b = (linkage.reference[name] for name in body.frame)
         found: list[tuple[float, complex, float]] = []
-        radius = max((m.radius for m in mechanism.members if m.is_rigid), default=0.0) or 0.008 * linkage.extent
+        radius = usual_radius(mechanism.members, linkage.extent)
         for bar in body.bars:
             first, second = (linkage.reference[name] for name in bar.nodes)
             length, thickness = abs(second - first), bar.radius or radius
-            mass = bar.mass or dynamics.bar_line_density * length
+            mass = dynamics.bar_mass(bar, length)
             found.append((mass, (first + second) / 2, mass * (length**2 / 12 + thickness**2 / 4)))
         total = sum(mass for mass, _, _ in found)
         centre = sum(mass * place for mass, place, _ in found) / total

@@ -12,7 +12,7 @@ import numpy as np
 from tensegrity_envs.mechanics.design import Member
 from tensegrity_envs.simulation.mujoco.building_space import add_picture, add_platform, add_view
 from tensegrity_envs.simulation.mujoco.dynamics import Dynamics
-from tensegrity_envs.simulation.mujoco.linkage import Linkage, Loop
+from tensegrity_envs.simulation.mujoco.linkage import Linkage, Loop, usual_radius
 from tensegrity_envs.simulation.mujoco.platform import Platform
 
 TIP_BODY = "tip"
@@ -65,7 +65,7 @@ def build(mechanism: Any, linkage: Linkage | Platform, dynamics: Dynamics, textu
     spec.modelname = type(mechanism).__name__
     payload = getattr(design, "payload", None)
     _set_options(spec, dynamics, getattr(design, "gravity", 0.0))
-    radius = max((m.radius for m in members if m.is_rigid), default=0.0) or 0.008 * linkage.extent
+    radius = usual_radius(members, linkage.extent)
     _add_looks(spec, linkage.extent, textures)
     if isinstance(linkage, Platform):
         add_view(spec, linkage.extent, textures)
@@ -205,7 +205,7 @@ def _add_bodies(spec: mujoco.MjSpec, linkage: Linkage, dynamics: Dynamics, radiu
                 contype=0,
                 conaffinity=0,
             )
-            geom.mass = (bar.mass or dynamics.bar_line_density * length) if i else 0.0
+            geom.mass = dynamics.bar_mass(bar, length) if i else 0.0
             for end in ends:
                 add_picture(body, mujoco.mjtGeom.mjGEOM_SPHERE, material, pos=_point(end), size=[thickness, 0.0, 0.0])
         if not i:

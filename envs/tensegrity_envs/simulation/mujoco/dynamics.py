@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from tensegrity_envs.mechanics.design import require, require_finite_numbers
+from tensegrity_envs.mechanics.design import Member, require, require_finite_numbers
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,10 @@ class Dynamics:
     def time_constant(self) -> float:
         """Of the actuators [s]; 0 without lag."""
         return 1 / (2 * math.pi * self.actuator_bandwidth) if self.actuator_bandwidth else 0.0
+
+    def bar_mass(self, bar: Member, length: float) -> float:
+        """Of a bar of this length [m]: its own, or what its length weighs [kg]."""
+        return float(bar.mass or self.bar_line_density * length)
 
     def varied(self, factors: Mapping[str, float]) -> "Dynamics":
         """These with so many times the mass, damping, friction or bandwidth; other names are left alone."""

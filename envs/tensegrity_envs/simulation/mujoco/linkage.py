@@ -5,6 +5,7 @@ body, which stay at rest, and where bodies share a point (a hinge). A tree of hi
 hinges outside the tree close loops. Positions are complex numbers x + i y [m] here.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -52,6 +53,11 @@ class Loop:
     first_node: str
     second: int
     second_node: str
+
+
+def usual_radius(members: Iterable[Member], extent: float) -> float:
+    """Of bars without one of their own [m]: that of the thickest, or a share of the mechanism's extent [m]."""
+    return max((member.radius for member in members if member.is_rigid), default=0.0) or 0.008 * extent
 
 
 class Linkage:
