@@ -94,3 +94,22 @@ def test_tuning_finds_the_best_of_the_grid(monkeypatch):
     assert tried[0].success > tried[1].success
     with pytest.raises(ValueError, match="nothing to tune"):
         tune("observer", PAYLOAD, 10)
+
+
+def test_the_observer_of_the_dual_triangle_looks_before_it_plans():
+    """The inputs are held; then the plan is that of the mean of what was seen, as the observer makes it."""
+    envs = gym.make_vec(LOADED, 12, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
+    controller = make_controller("identifying_observer", LOADED)
+    looks = controller.looks
+    assert looks > 4
+    seen, _ = envs.reset(seed=VALIDATION_SEED)
+    memory, tips = None, []
+    for step in range(looks + 1):
+        observed = controller.decode(seen)
+        tips.append(observed.tip)
+        action, memory = controller.predict(seen, memory, np.full(12, step == 0))
+        assert (np.abs(action).max() > 0.5) == (step == looks)
+        seen, *_ = envs.step(action)
+    mean = observed.replace(tip=np.mean(tips[-looks:], axis=0))
+    expected = controller.planner.initial(mean, np.arange(12)).plan
+    np.testing.assert_allclose(memory.plan.plan, expected, atol=1e-9)
