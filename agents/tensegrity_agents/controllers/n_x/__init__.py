@@ -4,10 +4,8 @@ from functools import partial
 
 from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.dynamic import Feedback
-from tensegrity_agents.controllers.lqg import LQG
 from tensegrity_agents.controllers.n_x.dynamic import HeldRamp
 from tensegrity_agents.controllers.n_x.reach import CarefulOracle, ClosedFormIK, Observer, Oracle, PseudoInverse
-from tensegrity_agents.controllers.regulated import FullSpeedPlan, Regulated
 
 __all__ = ["BASELINES", "DYNAMIC", "TEACHERS", "CarefulOracle", "ClosedFormIK", "Observer", "Oracle", "PseudoInverse"]
 
@@ -26,9 +24,6 @@ DYNAMIC: Makers = {
     "NXReach": {
         "closed_form_ramp": partial(HeldRamp, base=ClosedFormIK),
         "pseudo_inverse": partial(Feedback, base=PseudoInverse, slowed=0.1),
-        "closed_form_plan": partial(FullSpeedPlan, base=ClosedFormIK),
-        "lqr": partial(Regulated, base=Observer, shaper=None, softness=10.0),
-        "lqg": partial(LQG, base=ClosedFormIK),
         "oracle": partial(HeldRamp, base=Oracle),
     },
 }
