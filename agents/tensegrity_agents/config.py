@@ -347,6 +347,8 @@ class Experiment(_Strict):
                 controller_to_correct(train.corrects.controller, self.env, self.options)
             except ValueError as error:
                 raise ValueError(f"corrects.controller: {error}") from error
+            if train.teacher is not None:
+                raise ValueError("corrects: does not go with teacher, which shows whole actions, not corrections")
             if not train.is_on_policy:
                 raise ValueError(f"corrects: needs algorithm: ppo or recurrent_ppo, not {train.algorithm}")
         if train.gradient is not None:

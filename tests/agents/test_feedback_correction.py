@@ -8,10 +8,12 @@ import pytest
 import torch
 
 import tensegrity_envs
+from tensegrity_agents import export
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers import baselines_of, make_controller
 from tensegrity_agents.controllers.correctable import Correctable
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
+from tensegrity_agents.sb3.errors import ExportError
 from tensegrity_agents.sb3.feedback_correction import FeedbackCorrection
 from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, augmentations, plain_policy
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
@@ -115,3 +117,22 @@ def test_a_controller_that_cannot_be_corrected_is_explained_with_those_that_can(
         Experiment(env=LOADED, train={"total_timesteps": 1000, "corrects": {"controller": "mpc"}})
     with pytest.raises(ValueError, match="no controller of this id can"):
         Experiment(env="tensegrity/TwoXReach-v0", train={"total_timesteps": 1000, "corrects": {"controller": "random"}})
+
+
+@pytest.mark.parametrize("name", ["os:getcwd", "oracle", "lqg", "lqr"])
+def test_only_what_the_agent_would_be_without_corrections_can_be_corrected(name):
+    """Regulators do more than follow a plan, oracles are told the truth, and files of policies name no code."""
+    fast = "tensegrity/DualTriangleFastReachMuJoCo-v0"
+    with pytest.raises(ValueError, match="cannot be corrected; closed_form_plan can"):
+        Experiment(env=fast, train={"total_timesteps": 1000, "corrects": {"controller": name}})
+
+
+def test_no_file_of_onnx_holds_a_controller(tmp_path):
+    with pytest.raises(ExportError, match="corrects the plan of servo"):
+        export(agent_of(described(LOADED, "servo"), 1.0), tmp_path / "policy.onnx")
+
+
+def test_a_teacher_shows_no_corrections():
+    train = {"total_timesteps": 1000, "corrects": {"controller": "servo"}, "teacher": {"timesteps": 100}}
+    with pytest.raises(ValueError, match="corrects: does not go with teacher"):
+        Experiment(env="tensegrity/DualTriangleReach-v0", train=train)

@@ -5,12 +5,12 @@ from typing import Any
 
 from tensegrity_agents.controllers import baselines_of, make_controller
 from tensegrity_agents.controllers.correctable import Correctable
-from tensegrity_agents.controllers.regulated import FullSpeed
+from tensegrity_agents.controllers.regulated import FullSpeedPlan
 
 
 def controller_to_correct(
     name: str, env_id: str, options: Mapping[str, Any] | None
-) -> FullSpeed[Any] | Correctable[Any]:
+) -> FullSpeedPlan | Correctable[Any]:
     """The controller of that name.
 
     Args:
@@ -21,9 +21,16 @@ def controller_to_correct(
     Raises:
         ValueError: there is none of this name, or it cannot be corrected.
     """
-    controller = make_controller(name, env_id, options)
-    if isinstance(controller, FullSpeed | Correctable):
-        return controller
-    others = {other: make_controller(other, env_id, options) for other in baselines_of(env_id, options)}
-    can = [other for other, one in others.items() if isinstance(one, FullSpeed | Correctable)]
+    own = {other: make_controller(other, env_id, options) for other in baselines_of(env_id, options)}
+    can = [other for other, one in own.items() if _can_be(one)]
+    # No code that a policy's file names is run: only controllers of the package.
+    if name in can:
+        found: FullSpeedPlan | Correctable[Any] = own[name]
+        return found
     raise ValueError(f"{name!r} of {env_id} cannot be corrected; {', '.join(can) or 'no controller of this id'} can")
+
+
+def _can_be(controller: Any) -> bool:
+    """Whether an agent can correct it: it plans and does nothing else, or goes on from what was done."""
+    is_kind = isinstance(controller, FullSpeedPlan | Correctable)
+    return is_kind and not getattr(controller, "wants_privileged", False)

@@ -36,6 +36,7 @@ from torch.distributions import Distribution
 from tensegrity_agents.extras import need
 from tensegrity_agents.sb3.correction import Correction
 from tensegrity_agents.sb3.errors import ExportError
+from tensegrity_agents.sb3.feedback_correction import FeedbackCorrection
 from tensegrity_agents.sb3.history import History, Past, remembered, with_action
 from tensegrity_agents.sb3.policy_file import TrainedPolicy, augmentations
 from tensegrity_agents.whole_file import written_whole
@@ -122,7 +123,7 @@ def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> floa
         ExportError: actions differ by more than `TOLERANCE`, or the policy corrects a controller's plan; the file is
             not written.
     """
-    if any(isinstance(one, Correction) for one in trained.augmentations):
+    if any(isinstance(one, Correction | FeedbackCorrection) for one in trained.augmentations):
         planner = trained.description["corrects"]["controller"]
         raise ExportError(
             f"{path}: the policy corrects the plan of {planner}, which is made by Python code that no graph holds; run "

@@ -26,7 +26,7 @@ from stable_baselines3.td3.policies import MultiInputPolicy as TD3Policy
 
 from tensegrity_agents.controllers.corrected import controller_to_correct
 from tensegrity_agents.controllers.model_features import ModelFeatures
-from tensegrity_agents.controllers.regulated import FullSpeed
+from tensegrity_agents.controllers.regulated import FullSpeedPlan
 from tensegrity_agents.sb3.augmented import Augmentation
 from tensegrity_agents.sb3.correction import Correction
 from tensegrity_agents.sb3.features import GoalErrorExtractor
@@ -170,7 +170,7 @@ def augmentations(description: Mapping[str, Any]) -> list[Augmentation]:
 def _correction(corrects: Mapping[str, Any], env_id: str, options: Mapping[str, Any] | None) -> Augmentation:
     """What corrects a plan, or a controller with feedback."""
     controller, by = controller_to_correct(str(corrects["controller"]), env_id, options), float(corrects["by"])
-    return Correction(controller, by) if isinstance(controller, FullSpeed) else FeedbackCorrection(controller, by)
+    return Correction(controller, by) if isinstance(controller, FullSpeedPlan) else FeedbackCorrection(controller, by)
 
 
 def flattening(description: Mapping[str, Any]) -> Flattening | None:
