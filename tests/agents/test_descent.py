@@ -77,7 +77,9 @@ class _Stopped(Exception):
     pass
 
 
-@pytest.mark.parametrize(("variant", "after"), [("plan", 1), ("plan", 3), ("settling", 1), ("feedback", 3)])
+@pytest.mark.parametrize(
+    ("variant", "after"), [("plan", 0), ("plan", 1), ("plan", 3), ("settling", 1), ("feedback", 3)]
+)
 def test_an_interrupted_training_goes_on_to_the_same(variant, after, tmp_path, monkeypatch):
     experiment = small(**VARIANTS[variant])
     whole = train(experiment, 0, tmp_path / "whole")

@@ -94,6 +94,7 @@ class _Training(BaseCallback):
         self.lessons: Lessons | None = None
         self.descent: Descent | None = None
         self.taught = 0  # time steps by a teacher or a gradient
+        self.goes_on = False  # with them, also where an interrupt came before their first round
         if self.settings.teacher is not None:
             assert isinstance(self.algorithm, PPO)
             shell = adapter_of(self.env).shell
@@ -134,6 +135,7 @@ class _Training(BaseCallback):
         first = self.lessons or self.descent
         if first is not None and found.teaching is not None:
             first.go_on(found.teaching)
+            self.goes_on = True
 
     def run(self) -> None:
         """Train to the end.
@@ -197,7 +199,7 @@ class _Training(BaseCallback):
 
     def _begin_first(self, first: Lessons | Descent) -> None:
         """Begin a first segment that is not PPO's."""
-        if first.round == 0:
+        if not self.goes_on:
             _reseed(self.algorithm, self.env, self.seed, self.segment)
             self.episodes.reset()
             first.begin()
