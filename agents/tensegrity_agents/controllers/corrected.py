@@ -21,12 +21,13 @@ def controller_to_correct(
     Raises:
         ValueError: there is none of this name, or it cannot be corrected.
     """
-    own = {other: make_controller(other, env_id, options) for other in baselines_of(env_id, options)}
-    can = [other for other, one in own.items() if _can_be(one)]
+    makers = baselines_of(env_id, options)
     # No code that a policy's file names is run: only controllers of the package.
-    if name in can:
-        found: FullSpeedPlan | Correctable[Any] = own[name]
-        return found
+    if name in makers:
+        found: FullSpeedPlan | Correctable[Any] = make_controller(name, env_id, options)
+        if _can_be(found):
+            return found
+    can = [other for other in makers if _can_be(make_controller(other, env_id, options))]
     raise ValueError(f"{name!r} of {env_id} cannot be corrected; {', '.join(can) or 'no controller of this id'} can")
 
 
