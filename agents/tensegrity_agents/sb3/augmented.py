@@ -41,6 +41,17 @@ class Augmentation(Protocol):
         ...
 
 
+def as_batch(observation: dict[str, Any]) -> dict[str, np.ndarray]:
+    """One observation or a batch of n as a batch: arrays (n, ...)."""
+    return {key: np.atleast_2d(np.asarray(value, np.float32)) for key, value in observation.items()}
+
+
+def with_numbers(observation: dict[str, Any], numbers: np.ndarray) -> dict[str, Any]:
+    """One observation or a batch of n with these numbers, shape (n, k), at the end of its entry "observation"."""
+    told = np.concatenate([np.atleast_2d(np.asarray(observation["observation"], np.float32)), numbers], axis=1)
+    return {**observation, "observation": told[0] if np.ndim(observation["observation"]) == 1 else told}
+
+
 class AugmentedVecEnv(VecEnvWrapper):
     """A vector environment whose observations, terminal ones included, are augmented.
 

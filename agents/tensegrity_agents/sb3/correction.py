@@ -21,6 +21,7 @@ from gymnasium import spaces
 
 from tensegrity_agents.controllers.base import beginning, with_rows
 from tensegrity_agents.controllers.regulated import FullSpeed
+from tensegrity_agents.sb3.augmented import as_batch, with_numbers
 
 _NEAR, _FAR = 3.0, 10.0  # steps that are shown as 1, of what is near along the plan and of its end
 _MOST = 3.0  # what is shown of the former at most
@@ -72,15 +73,13 @@ class Correction:
             memory: what `acted` returned; None at first.
             begins: which of them begin an episode, shape (n,); by default all.
         """
-        single = np.ndim(observation["observation"]) == 1
-        batch = {key: np.atleast_2d(np.asarray(value, np.float32)) for key, value in observation.items()}
+        batch = as_batch(observation)
         n = len(batch["observation"])
         fresh = np.flatnonzero(beginning(n, memory, begins))
         if memory is None or len(fresh):
             begun = self.begun({key: value[fresh] for key, value in batch.items()})
             memory = with_rows(memory, fresh, begun)
-        told = np.concatenate([batch["observation"], self.shown(np, memory)], axis=1)
-        return {**observation, "observation": told[0] if single else told}, memory
+        return with_numbers(observation, self.shown(np, memory)), memory
 
     def begun(self, observation: dict[str, np.ndarray]) -> Course:
         """What is remembered of episodes that begin with these observations, shape (n, ...)."""

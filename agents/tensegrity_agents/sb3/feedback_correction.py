@@ -19,6 +19,7 @@ from gymnasium import spaces
 
 from tensegrity_agents.controllers.base import beginning, with_rows
 from tensegrity_agents.controllers.correctable import Correctable
+from tensegrity_agents.sb3.augmented import as_batch, with_numbers
 
 _MOST = 3.0  # of what the controller says
 
@@ -67,11 +68,9 @@ class FeedbackCorrection:
             memory: what `acted` returned; None at first.
             begins: which of them begin an episode, shape (n,); by default all.
         """
-        single = np.ndim(observation["observation"]) == 1
-        batch = {key: np.atleast_2d(np.asarray(value, np.float32)) for key, value in observation.items()}
+        batch = as_batch(observation)
         asked = self._asked(batch, None if memory is None else memory.after, begins)
-        told = np.concatenate([batch["observation"], self.shown(np, asked)], axis=1)
-        return {**observation, "observation": told[0] if single else told}, asked
+        return with_numbers(observation, self.shown(np, asked)), asked
 
     def begun(self, observation: dict[str, np.ndarray]) -> Advice:
         """What is remembered of episodes that begin with these observations, shape (n, ...)."""

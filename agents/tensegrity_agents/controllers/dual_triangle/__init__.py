@@ -86,7 +86,7 @@ DYNAMIC["DualTriangleFastReach"] = {
 # Of some ids, by their names, besides those of the arm.
 UNCERTAIN: Makers = {
     "DualTriangleLoadedReachUncertain": {
-        # Tuned at level 2 (`tensegrity tune`), like those below.
+        # Tuned at level 2 (`tensegrity tune`).
         "identifying_observer": partial(IdentifyingObserver, wait=2, mean=8, enough=0.8, looks=12),
         "mpc": partial(MPC, beliefs=DualTriangleBeliefs),
     },
