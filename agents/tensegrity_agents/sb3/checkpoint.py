@@ -20,6 +20,7 @@ from tensegrity_agents.config import (
     TeacherSettings,
     TrainConfig,
 )
+from tensegrity_agents.controllers.base import ragged
 from tensegrity_agents.sb3 import random_numbers
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.errors import TrainingError
@@ -31,6 +32,7 @@ from tensegrity_agents.whole_file import written_whole
 from tensegrity_envs.compiler.pytree import is_array, tree_leaves, tree_map
 
 CHECKPOINT = "checkpoint.pt"
+_RAGGED = "arrays of different lengths"
 
 
 class Progressed(NamedTuple):
@@ -78,7 +80,7 @@ def keep(path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNo
         **so_far._asdict(),
     }
     with written_whole(path) as part:
-        torch.save(_mapped(content, np.ndarray, torch.from_numpy), part)
+        torch.save(_mapped(content, np.ndarray, _tensors), part)
 
 
 def restore(path: Path, described: dict[str, Any], model: BaseAlgorithm, env: VecNormalize) -> Progressed:
@@ -232,10 +234,17 @@ def _parts(
     return monitor, augmented, privileged, inner.venv if privileged else inner
 
 
+def _tensors(array: np.ndarray) -> Any:
+    """An array as a checkpoint holds it, which holds no objects: of an array of arrays, a dict of their list."""
+    return {_RAGGED: [torch.from_numpy(part) for part in array]} if array.dtype == object else torch.from_numpy(array)
+
+
 def _mapped(tree: Any, kind: type[Any], change: Callable[[Any], Any]) -> Any:
     """The same nested dicts, lists and tuples, with all leaves of a kind changed."""
     if isinstance(tree, kind):
         return change(tree)
+    if isinstance(tree, dict) and set(tree) == {_RAGGED}:
+        return ragged([_mapped(part, kind, change) for part in tree[_RAGGED]])
     if isinstance(tree, dict):
         return {key: _mapped(value, kind, change) for key, value in tree.items()}
     if isinstance(tree, list | tuple) and not hasattr(tree, "_fields"):

@@ -79,6 +79,9 @@ UNCERTAIN: Makers = {
     name: {"mpc": partial(MPC, beliefs=TwoXBeliefs)}
     for name in ("TwoXTensionReachUncertain", "TwoXPayloadReachUncertain")
 }
+UNCERTAIN["TwoXPayloadReachUncertain"] |= {
+    "identifying_observer": partial(IdentifyingObserver, looks=8, clearance=0.2),  # tuned (`tensegrity tune`)
+}
 UNCERTAIN["TwoXTensionReachUncertainMuJoCo"] = {
     "servo": partial(IntegralRamp, base=CarefulClosedForm),
     "identifying_observer": partial(IntegralRamp, base=partial(RestingObserver, looks=10), look=9),

@@ -53,10 +53,16 @@ class ReachController(AnalyticController[Memory]):
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
         """See `AnalyticController.initial`."""
+        memory = self.at_rest(observed, index)
+        paths = self._paths(self.arm_with(memory.payload), memory.commanded, observed)
+        return memory._replace(path=ragged(paths))
+
+    def at_rest(self, observed: DecodedObservation, index: np.ndarray) -> Memory:
+        """What is believed when an episode begins, and a path that leads nowhere."""
         configuration, commanded, payload = self._believed(observed, index)
-        paths = self._paths(self._arm(payload), commanded, observed)
         n = len(index)
-        return Memory(configuration, commanded, payload, np.zeros((n, 2)), ragged(paths), np.zeros(n, int))
+        paths = ragged([point[None] for point in commanded])
+        return Memory(configuration, commanded, payload, np.zeros((n, 2)), paths, np.zeros(n, int))
 
     def _believed(self, observed: DecodedObservation, index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Configuration, configuration that the present inputs stand for, and payload, when an episode begins."""
@@ -88,7 +94,7 @@ class ReachController(AnalyticController[Memory]):
         """Configuration and payload; see `estimate_payload`."""
         return estimate_payload(self.nominal, observed)
 
-    def _arm(self, payload: np.ndarray) -> Any:
+    def arm_with(self, payload: np.ndarray) -> Any:
         """The arm as this controller believes it to be."""
         return self.nominal
 
@@ -96,6 +102,16 @@ class ReachController(AnalyticController[Memory]):
         """Waypoints (k, joints) for the episodes that begin: the chosen inverse solution."""
         goal, _ = self.choose(model, start, observed.target)
         return [point[None] for point in goal]
+
+    def paths_around(self, model: Any, start: np.ndarray, target: np.ndarray) -> list[np.ndarray]:
+        """Waypoints (k, joints) to targets (n, 2) [m]: straight, or around what is infeasible where there is a way."""
+        goal, straight = self.choose(model, start, target)
+        paths = [point[None] for point in goal]
+        for i in np.flatnonzero(~straight):
+            around = self.around(model.take(i), start[i], target[i])
+            if around:
+                paths[i] = np.array(around)
+        return paths
 
     def _act(self, observed: DecodedObservation, memory: Memory) -> tuple[np.ndarray, Memory]:
         configuration = self.configuration_of(observed, memory.configuration)
@@ -115,7 +131,7 @@ class ReachController(AnalyticController[Memory]):
         goal, memory = self.next_waypoint(here, memory)
         if self.control == "joint":
             return joint_action(here, goal), memory
-        action, commanded = tension_action(self._arm(memory.payload), here, goal, observed.tensions)
+        action, commanded = tension_action(self.arm_with(memory.payload), here, goal, observed.tensions)
         return action, memory._replace(commanded=commanded)
 
 
@@ -175,7 +191,8 @@ class Observer(ReachController):
         estimate = self.estimate(observed)
         return estimate.configuration, estimate.configuration, estimate.payload
 
-    def _arm(self, payload: np.ndarray) -> Any:
+    def arm_with(self, payload: np.ndarray) -> Any:
+        """See `ReachController.arm_with`."""
         return self.core.mechanism(replace(self.nominal.design, payload=payload))
 
 
@@ -191,13 +208,7 @@ class Oracle(Observer):
         return configuration, commanded, payload[index] if payload.ndim else np.full(len(index), payload)
 
     def _paths(self, model: Any, start: np.ndarray, observed: DecodedObservation) -> list[np.ndarray]:
-        goal, straight = self.choose(model, start, observed.target)
-        paths = [point[None] for point in goal]
-        for i in np.flatnonzero(~straight):
-            around = self.around(model.take(i), start[i], observed.target[i])
-            if around:
-                paths[i] = np.array(around)
-        return paths
+        return self.paths_around(model, start, observed.target)
 
 
 class CarefulOracle(Oracle):

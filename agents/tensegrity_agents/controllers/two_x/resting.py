@@ -50,5 +50,6 @@ class RestingObserver(CarefulClosedForm):
         belief = self.identifier.updated(self.identifier.prior(len(q)), q, observed, self.looks)
         return q, q, belief.mean
 
-    def _arm(self, payload: np.ndarray) -> Any:
+    def arm_with(self, payload: np.ndarray) -> Any:
+        """See `ReachController.arm_with`."""
         return self.identifier.arm(Belief(payload, payload))

@@ -1,6 +1,7 @@
 """Controllers of the 2-X for an arm that is not quite the nominal one, behind a delay, seen through noise.
 
-The servo plans a joint path and sends the stiffest tensions along it as feedforward. It tracks its own command u,
+The servo plans a joint path, straight or around what is infeasible, and sends the stiffest tensions along it as
+feedforward. It tracks its own command u,
 
     u <- clip(u + rate * action),
 
@@ -22,7 +23,11 @@ gradient: covariance K S_q K^T, K being the stiffness matrix, S_q that of the me
 the tip alone is seen. Recursive least squares (a Kalman filter of constants) start from the ranges of s, m and p, and
 leave out what is more than `gate` standard deviations off: a configuration on the wrong branch. Measured tensions are
 those that act, whatever the delay, so the delay does not enter. The stiffest tensions are those of the arm as it is
-believed to be in that step.
+believed to be in that step. In cable control the inputs are held for `looks` steps first, and the path is planned with
+what is believed then.
+
+An agent may correct either (`Correctable`): what it has added to the tensions stays added to all that follow, and in
+joint control the path goes on from where it has led.
 """
 
 from dataclasses import replace
@@ -30,7 +35,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController, jacobian_at
+from tensegrity_agents.controllers.base import jacobian_at, ragged, rows_of, rows_where, with_rows
+from tensegrity_agents.controllers.correctable import Correctable
 from tensegrity_agents.controllers.two_x.measurements import configuration_from_tip
 from tensegrity_agents.controllers.two_x.reach import Memory, Observer
 from tensegrity_agents.controllers.two_x.tracking import joint_action, resolved_rate, tension_action
@@ -43,6 +49,7 @@ from tensegrity_envs.simulation import TensionControl
 _LARGEST = 0.1  # [rad] of a correction
 _KNOWN = 1e-10  # variance of what is not uncertain
 _FLOOR = 1e-4  # [rad] or [m]: errors of angles or tips that the filter reckons with at least
+_FAR, _OFF, _SOON = 0.5, 0.1, 20.0  # [rad] of the way, [rad] off it, and steps at its end, that are shown as 1
 
 
 class Belief(NamedTuple):
@@ -64,21 +71,29 @@ class ServoMemory(NamedTuple):
         plan: of the observer that plans; its `commanded` is where the command leads, its `integral` the correction c of
             the end of the path [rad].
         inputs: the command u, (n, 4) [N].
+        added: what an agent has added to it, (n, 4) [N].
+        looks: steps for which the inputs are still held, (n,).
+        seen: mean tip of those that are over, (n, 2) [m].
         rested: steps since the command came to the end of the path, (n,).
         belief: about the arms.
     """
 
     plan: Memory
     inputs: np.ndarray
+    added: np.ndarray
+    looks: np.ndarray
+    seen: np.ndarray
     rested: np.ndarray
     belief: Belief
 
 
-class Servo(AnalyticController[ServoMemory]):
+class Servo(Correctable[ServoMemory]):
     """Planned path, feedforward along its own command, slow integral after a wait. See the module.
 
     Args:
         core: of the environment.
+        looks: steps for which the inputs are held at first, in cable control and where the tip is seen through noise.
+        clearance: of paths [-]: the arm is not quite the one that is planned with.
     """
 
     knows = "the nominal design; its own commands; feedback of the tip error at rest"
@@ -86,7 +101,6 @@ class Servo(AnalyticController[ServoMemory]):
     wait = 4  # steps
     damping = 0.1  # d [m/rad]
     near = 0.03  # [rad]: so near to its end the path is over
-    clearance = 0.1  # [-] of paths: the arm is not quite the one that is planned with
     tunable: ClassVar[dict[str, tuple[float, ...]]] = {
         "gain": (0.05, 0.1, 0.15, 0.25),
         "wait": (2, 4, 8),
@@ -94,11 +108,12 @@ class Servo(AnalyticController[ServoMemory]):
     }
     nominal: TwoX
 
-    def __init__(self, core: Core) -> None:
+    def __init__(self, core: Core, looks: int = 0, clearance: float = 0.1) -> None:
         super().__init__(core)
         self.control = core.control
+        self.clearance = clearance
+        self.looks = looks if self.control == "tension" and core.randomization.tip_noise else 0
         self.planner = Observer(core)
-        self.planner.clearance = self.clearance
 
     def _take(self, design: TwoXDesign) -> None:
         super()._take(design)
@@ -107,16 +122,56 @@ class Servo(AnalyticController[ServoMemory]):
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> ServoMemory:
         """See `AnalyticController.initial`."""
-        plan = self.planner.initial(observed, index)
-        n = len(index)
-        mean = np.stack([np.ones(n), np.ones(n), plan.payload], axis=1)
-        return ServoMemory(plan, observed.tensions, np.zeros(n, int), Belief(mean, np.zeros((n, 3, 3))))
+        n, inputs = len(index), observed.tensions
+        plan, looks = self.planner.at_rest(observed, index), np.full(n, self.looks)
+        belief, none = self.first_belief(plan.payload), np.zeros_like(inputs)
+        memory = ServoMemory(plan, inputs, none, looks, np.zeros_like(observed.tip), np.zeros(n, int), belief)
+        return memory if self.looks else self._planned(memory, self.planner.arm_with(plan.payload), observed.target)
+
+    def first_belief(self, payload: np.ndarray) -> Belief:
+        """What is believed of n arms before anything was measured but payloads (n,) [kg]."""
+        ones = np.ones_like(payload)
+        return Belief(np.stack([ones, ones, payload], axis=1), np.zeros((len(payload), 3, 3)))
+
+    def _planned(self, memory: ServoMemory, arm: TwoX, target: np.ndarray) -> ServoMemory:
+        """The memory with paths of these arms to targets (n, 2) [m]."""
+        self.planner.clearance = self.clearance
+        paths = self.planner.paths_around(arm, memory.plan.commanded, target)
+        return memory._replace(plan=memory.plan._replace(path=ragged(paths), leg=np.zeros(len(paths), int)))
 
     def _act(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[np.ndarray, ServoMemory]:
-        plan, limit = memory.plan, self.nominal.design.joint_limit
-        q = configuration_from_tip(self.nominal, observed, plan.configuration)
+        looks = memory.looks > 0
+        if not looks.any():
+            return self._followed(observed, memory)
+        over = self.looks - memory.looks
+        seen = memory.seen + (observed.tip - memory.seen) / (over + 1)[:, None]
+        left = np.maximum(memory.looks - 1, 0)
+        memory = memory._replace(seen=np.where(looks[:, None], seen, memory.seen), looks=left)
+        has_looked = np.flatnonzero(looks & (left == 0))
+        if len(has_looked):
+            ready = self._looked(rows_of(memory, has_looked), observed.take(has_looked))
+            memory = with_rows(memory, has_looked, ready)
+        action, after = self._followed(observed, memory)
+        looks = left > 0
+        return np.where(looks[:, None], 0.0, action), rows_where(looks, memory, after)
+
+    def _looked(self, memory: ServoMemory, observed: DecodedObservation) -> ServoMemory:
+        """The memory of those that have looked, with what the mean of the tips tells, and a path."""
+        observed = observed.replace(tip=memory.seen)
+        q = configuration_from_tip(self.nominal, observed, None)
+        belief = self.updated(memory.belief, q, observed, self.looks)
+        arm = self.arm(belief)
+        rest = arm.equilibrium(tuple(observed.tensions.T), tuple(q.T))
+        commanded = np.where(np.asarray(rest.is_stable)[:, None], np.stack(rest.configuration, axis=1), q)
+        plan = memory.plan._replace(configuration=q, commanded=commanded)
+        return self._planned(memory._replace(plan=plan, belief=belief), arm, observed.target)
+
+    def _followed(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[np.ndarray, ServoMemory]:
+        """Actions along the path, and what to remember."""
+        limit = self.nominal.design.joint_limit
+        q = configuration_from_tip(self.nominal, observed, memory.plan.configuration)
         belief = self.updated(memory.belief, q, observed)
-        waypoint, plan = self.planner.next_waypoint(plan.commanded, plan._replace(configuration=q))
+        waypoint, plan = self.planner.next_waypoint(memory.plan.commanded, memory.plan._replace(configuration=q))
         goal = np.clip(waypoint + plan.integral, -limit, limit)
         last = plan.leg == np.array([len(path) - 1 for path in plan.path])
         rests = last & (np.abs(goal - plan.commanded).max(axis=1) < self.near)
@@ -127,16 +182,48 @@ class Servo(AnalyticController[ServoMemory]):
         goal = np.clip(waypoint + correction, -limit, limit)
         if self.control == "joint":
             action, inputs = joint_action(plan.commanded, goal), memory.inputs
-            commanded = plan.commanded + self.rate * np.clip(action, -1.0, 1.0)
+            commanded = self._moved(plan.commanded, action)
         else:
-            action, commanded = tension_action(self.arm(belief), plan.commanded, goal, memory.inputs)
-            low, high = self.nominal.design.min_tension, self.nominal.design.max_tension
-            inputs = np.clip(memory.inputs + TensionControl.rate * np.clip(action, -1.0, 1.0), low, high)
+            without = memory.inputs - memory.added
+            action, commanded = tension_action(self.arm(belief), plan.commanded, goal, without)
+            inputs = self._driven(memory.inputs, action)
         plan = plan._replace(commanded=commanded, integral=correction)
-        return action, ServoMemory(plan, inputs, rested, belief)
+        return action, memory._replace(plan=plan, inputs=inputs, rested=rested, belief=belief)
 
-    def updated(self, belief: Belief, q: np.ndarray, observed: DecodedObservation) -> Belief:
-        """What is believed after a measurement; here always the same."""
+    def _moved(self, commanded: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Joint angles (n, joints) [rad] that are commanded after actions."""
+        return np.asarray(commanded + self.rate * np.clip(action, -1.0, 1.0))
+
+    def _driven(self, inputs: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Tensions (n, 4) [N] that are commanded after actions."""
+        design = self.nominal.design
+        driven = inputs + TensionControl.rate * np.clip(action, -1.0, 1.0)
+        return np.asarray(np.clip(driven, design.min_tension, design.max_tension))
+
+    def given(self, before: ServoMemory, after: ServoMemory, action: np.ndarray) -> ServoMemory:
+        """See `Correctable.given`."""
+        if self.control == "joint":
+            return after._replace(plan=after.plan._replace(commanded=self._moved(before.plan.commanded, action)))
+        inputs = self._driven(before.inputs, action)
+        return after._replace(inputs=inputs, added=after.added + inputs - after.inputs)
+
+    @property
+    def outlook_size(self) -> int:
+        """See `Correctable.outlook_size`."""
+        return 2 * self.nominal.degrees_of_freedom + 2
+
+    def outlook(self, observed: DecodedObservation, memory: ServoMemory) -> np.ndarray:
+        """See `Correctable.outlook`: the way to the end of the path, how far the arm is off it, whether the inputs are
+        held, and how long it has been at the end.
+        """
+        plan = memory.plan
+        way = (np.stack([path[-1] for path in plan.path]) + plan.integral - plan.commanded) / _FAR
+        off = (plan.configuration - plan.commanded) / _OFF
+        times = np.stack([memory.looks > 0, memory.rested / _SOON], axis=1)
+        return np.concatenate([way, off, times], axis=1)
+
+    def updated(self, belief: Belief, q: np.ndarray, observed: DecodedObservation, looks: int = 1) -> Belief:
+        """What is believed after a measurement, the mean of so many; here always the same."""
         return belief
 
     def arm(self, belief: Belief) -> TwoX:
@@ -151,6 +238,11 @@ class IdentifyingObserver(Servo):
     knows = "the nominal design and the ranges of stiffness, mass, payload and noise; identifies them on the way"
     is_told_ranges = True
     gate = 5.0  # standard deviations
+    tunable: ClassVar[dict[str, tuple[float, ...]]] = {
+        "looks": (0, 4, 8, 12, 16),
+        "clearance": (0.1, 0.2, 0.3),
+        "gain": (0.1, 0.15, 0.25),
+    }
 
     @property
     def ranges(self) -> np.ndarray:
@@ -159,9 +251,23 @@ class IdentifyingObserver(Servo):
         payload = getattr(self.core, "payload_range", None) or (self.nominal.design.payload,) * 2
         return np.array([drawn.stiffness or (1.0, 1.0), drawn.mass or (1.0, 1.0), payload], float)
 
-    def initial(self, observed: DecodedObservation, index: np.ndarray) -> ServoMemory:
-        """See `AnalyticController.initial`."""
-        return super().initial(observed, index)._replace(belief=self.prior(len(index)))
+    def first_belief(self, payload: np.ndarray) -> Belief:
+        """See `Servo.first_belief`: the ranges tell more than one measurement does."""
+        return self.prior(len(payload))
+
+    @property
+    def outlook_size(self) -> int:
+        """See `Correctable.outlook_size`."""
+        return super().outlook_size + 6
+
+    def outlook(self, observed: DecodedObservation, memory: ServoMemory) -> np.ndarray:
+        """See `Servo.outlook`; and what is believed, and how surely, in half widths of the ranges."""
+        low, high = self.ranges.T
+        half = np.maximum((high - low) / 2, np.sqrt(_KNOWN))
+        sure = np.sqrt(np.maximum(np.diagonal(memory.belief.covariance, axis1=1, axis2=2), 0.0)) / half
+        return np.concatenate(
+            [super().outlook(observed, memory), (memory.belief.mean - (low + high) / 2) / half, sure], 1
+        )
 
     def prior(self, n: int) -> Belief:
         """What the ranges say of n arms."""
