@@ -34,6 +34,12 @@ class Correctable(AnalyticController[Memory]):
         """
 
     @abstractmethod
+    def added(self, memory: Memory) -> np.ndarray:
+        """How far the command is from where the controller alone would have it, in steps of the inputs' rate, shape
+        (n, action size).
+        """
+
+    @abstractmethod
     def outlook(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
         """What the controller knows and is about to do, as numbers of about 1, shape (n, outlook_size).
 

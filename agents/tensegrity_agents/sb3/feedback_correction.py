@@ -1,13 +1,14 @@
 """An agent that corrects the actions of an analytic controller with feedback: residual learning [Johannink2019].
 
 The controller sees what the agent sees, before anything is appended to it, and says what it would do, a. The agent's
-output d moves that by up to `by`, in units of the environment's action:
+output d says how far the command is to be from where the controller alone would have it, up to `by` steps of the
+inputs' rate. With what was added so far, s,
 
-    a' = clip(a + by d, -1, 1).
+    a' = clip(a + by d - s, -1, 1).
 
 The controller is told a', and goes on from where that leads (`controllers.correctable`): with feedback, it plans from
-there. Appended to the entry "observation" are a and what the controller says of its intentions. With d = 0 the agent is
-the controller.
+there, and then s is zero. Appended to the entry "observation" are a, s and what the controller says of its intentions.
+With d = 0 the agent is the controller.
 
 [Johannink2019]: see `correction`.
 """
@@ -28,8 +29,8 @@ class Advice(NamedTuple):
     """What is remembered of n episodes.
 
     Attributes:
-        action: of the controller, shape (n, action size).
-        said: all that it says, shape (n, action size + outlook size).
+        action: a - s of the module, shape (n, action size).
+        said: all that is shown, shape (n, 2 action size + outlook size).
         before: what it remembered when it was asked, a NamedTuple of arrays (n, ...).
         after: what it wants to be remembered.
     """
@@ -45,7 +46,7 @@ class FeedbackCorrection:
 
     Args:
         controller: which is asked.
-        by: largest correction, in units of the environment's action.
+        by: largest correction, in steps of the inputs' rate.
     """
 
     def __init__(self, controller: Correctable[Any], by: float) -> None:
@@ -55,7 +56,7 @@ class FeedbackCorrection:
 
     def space(self, space: spaces.Dict) -> spaces.Dict:
         """The observation space with what the controller says."""
-        size = int(np.prod(space["observation"].shape or ())) + self.size + self.controller.outlook_size
+        size = int(np.prod(space["observation"].shape or ())) + 2 * self.size + self.controller.outlook_size
         return spaces.Dict({**space.spaces, "observation": spaces.Box(-np.inf, np.inf, (size,), np.float32)})
 
     def __call__(
@@ -87,11 +88,12 @@ class FeedbackCorrection:
         if before is None or len(fresh):
             before = with_rows(before, fresh, self.controller.initial(observed.take(fresh), fresh))
         action, after = self.controller.act(observed, before)
-        said = np.concatenate([action, self.controller.outlook(observed, after)], axis=1)
-        return Advice(action.astype(np.float32), np.clip(said, -_MOST, _MOST).astype(np.float32), before, after)
+        added = self.controller.added(after)
+        said = np.concatenate([action, added, self.controller.outlook(observed, after)], axis=1)
+        return Advice((action - added).astype(np.float32), np.clip(said, -_MOST, _MOST).astype(np.float32), before, after)
 
     def shown(self, xp: Any, memory: Advice) -> Any:
-        """What is appended to observations, shape (n, action size + outlook size).
+        """What is appended to observations, shape (n, 2 action size + outlook size).
 
         Args:
             xp: numpy or torch.

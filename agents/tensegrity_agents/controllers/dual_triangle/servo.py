@@ -42,6 +42,7 @@ class ServoMemory(NamedTuple):
         shift: of the target, (n, 2) [m].
         end: step of the plan from which on the command rests, (n,).
         looks: whether the inputs are held for the first plan, (n,).
+        added: what an agent has added to the command since it was planned, (n, 3) [m].
     """
 
     plan: Memory
@@ -50,6 +51,7 @@ class ServoMemory(NamedTuple):
     shift: np.ndarray
     end: np.ndarray
     looks: np.ndarray
+    added: np.ndarray
 
 
 class Servo(Correctable[ServoMemory]):
@@ -83,7 +85,7 @@ class Servo(Correctable[ServoMemory]):
         inputs, tips = observed.inputs, first_tips(observed.tip)
         plan = self.planner.held(observed) if self.looks else self.planner.initial(observed, index)
         end, looks = ends_of_plans(plan.plan, _STILL), np.full(len(index), self.looks > 0)
-        return ServoMemory(plan, inputs, tips, np.zeros((len(index), 2)), end, looks)
+        return ServoMemory(plan, inputs, tips, np.zeros((len(index), 2)), end, looks, np.zeros_like(inputs))
 
     def _act(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[np.ndarray, ServoMemory]:
         tips = with_latest(memory.tips, observed.tip)
@@ -110,8 +112,13 @@ class Servo(Correctable[ServoMemory]):
         """See `Correctable.given`. The plan goes on from where the command has come to."""
         bound = self.planner.bound
         inputs = np.clip(before.inputs + self.rate * action, -bound, bound)
-        moved = np.clip(after.plan.plan + (inputs - after.inputs)[:, None], -bound, bound)
-        return after._replace(plan=after.plan._replace(plan=moved), inputs=inputs)
+        by = inputs - after.inputs
+        moved = np.clip(after.plan.plan + by[:, None], -bound, bound)
+        return after._replace(plan=after.plan._replace(plan=moved), inputs=inputs, added=after.added + by)
+
+    def added(self, memory: ServoMemory) -> np.ndarray:
+        """See `Correctable.added`."""
+        return np.asarray(memory.added / self.rate)
 
     @property
     def outlook_size(self) -> int:
@@ -143,9 +150,9 @@ class Servo(Correctable[ServoMemory]):
         plan = self.planner.initial(seen.replace(target=seen.target + shift), index)
         fine = np.isfinite(plan.plan).all(axis=(1, 2))  # a target that was moved may be out of reach
         index, shift, plan = index[fine], shift[fine], rows_of(plan, np.flatnonzero(fine))
-        shifts, ends = memory.shift.copy(), memory.end.copy()
-        shifts[index], ends[index] = shift, ends_of_plans(plan.plan, _STILL)
-        return memory._replace(plan=with_rows(memory.plan, index, plan), shift=shifts, end=ends)
+        shifts, ends, added = memory.shift.copy(), memory.end.copy(), memory.added.copy()
+        shifts[index], ends[index], added[index] = shift, ends_of_plans(plan.plan, _STILL), 0.0
+        return memory._replace(plan=with_rows(memory.plan, index, plan), shift=shifts, end=ends, added=added)
 
     def _shift(self, seen: DecodedObservation) -> np.ndarray:
         """By how much the target is moved, (n, 2) [m]."""

@@ -26,8 +26,8 @@ those that act, whatever the delay, so the delay does not enter. The stiffest te
 believed to be in that step. In cable control the inputs are held for `looks` steps first, and the path is planned with
 what is believed then.
 
-An agent may correct either (`Correctable`): what it has added to the tensions stays added to all that follow, and in
-joint control the path goes on from where it has led.
+An agent may correct either (`Correctable`): what it has added to the tensions stays added to all that follow; in joint
+control the way to the next waypoint goes on from where the joints are.
 """
 
 from dataclasses import replace
@@ -206,6 +206,10 @@ class Servo(Correctable[ServoMemory]):
             return after._replace(plan=after.plan._replace(commanded=self._moved(before.plan.commanded, action)))
         inputs = self._driven(before.inputs, action)
         return after._replace(inputs=inputs, added=after.added + inputs - after.inputs)
+
+    def added(self, memory: ServoMemory) -> np.ndarray:
+        """See `Correctable.added`."""
+        return np.zeros_like(memory.plan.commanded) if self.control == "joint" else memory.added / TensionControl.rate
 
     @property
     def outlook_size(self) -> int:
