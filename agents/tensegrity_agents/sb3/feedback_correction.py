@@ -29,13 +29,15 @@ class Advice(NamedTuple):
     """What is remembered of n episodes.
 
     Attributes:
-        action: a - s of the module, shape (n, action size).
+        action: a of the module, shape (n, action size).
+        added: s of the module, shape (n, action size); a tensor where gradients go by way of it.
         said: all that is shown, shape (n, 2 action size + outlook size).
         before: what it remembered when it was asked, a NamedTuple of arrays (n, ...).
         after: what it wants to be remembered.
     """
 
     action: np.ndarray
+    added: Any
     said: np.ndarray
     before: Any
     after: Any
@@ -79,7 +81,13 @@ class FeedbackCorrection:
 
     def asked(self, observation: dict[str, np.ndarray], memory: Advice) -> Advice:
         """What is remembered one step after `memory`, with these observations, shape (n, ...)."""
-        return self._asked(observation, memory.after, np.zeros(len(memory.action), bool))
+        advice = self._asked(observation, memory.after, np.zeros(len(memory.action), bool))
+        if not hasattr(memory.added, "detach"):
+            return advice
+        # What was added counts as the tensor, unless the controller has planned anew, from where that has led.
+        told = memory.added.new_tensor(advice.added)
+        goes_on = (told != 0).any(dim=1, keepdim=True)
+        return advice._replace(added=told + goes_on * (memory.added - memory.added.detach()))
 
     def _asked(self, observation: dict[str, np.ndarray], before: Any, begins: np.ndarray | None) -> Advice:
         own = {**observation, "observation": observation["observation"][:, : self._observed]}
@@ -88,9 +96,9 @@ class FeedbackCorrection:
         if before is None or len(fresh):
             before = with_rows(before, fresh, self.controller.initial(observed.take(fresh), fresh))
         action, after = self.controller.act(observed, before)
-        added = self.controller.added(after)
+        added = self.controller.added(after).astype(np.float32)
         said = np.concatenate([action, added, self.controller.outlook(observed, after)], axis=1)
-        return Advice((action - added).astype(np.float32), np.clip(said, -_MOST, _MOST).astype(np.float32), before, after)
+        return Advice(action.astype(np.float32), added, np.clip(said, -_MOST, _MOST).astype(np.float32), before, after)
 
     def shown(self, xp: Any, memory: Advice) -> Any:
         """What is appended to observations, shape (n, 2 action size + outlook size).
@@ -103,15 +111,18 @@ class FeedbackCorrection:
 
     def action(self, xp: Any, memory: Advice, corrections: Any) -> Any:
         """The environment's actions, shape (n, action size), for corrections within [-1, 1]."""
-        return xp.clip(xp.asarray(memory.action) + self.by * corrections, -1.0, 1.0)
+        return xp.clip(xp.asarray(memory.action) + self.by * corrections - xp.asarray(memory.added), -1.0, 1.0)
 
     def bounded(self, xp: Any, memory: Advice, actions: Any) -> Any:
         """What of these actions counts: all."""
         return actions
 
     def after(self, xp: Any, memory: Advice, actions: Any) -> Advice:
-        """What is remembered after actions of the environment; no gradient goes by way of it."""
-        return self.acted(memory, np.asarray(actions.detach() if hasattr(actions, "detach") else actions))
+        """What is remembered after actions of the environment; gradients go by way of what is added alone."""
+        if not hasattr(actions, "detach"):
+            return self.acted(memory, actions)
+        added = xp.asarray(memory.added) + actions - xp.asarray(memory.action)
+        return self.acted(memory, actions.detach().numpy())._replace(added=added)
 
     def applied(self, memory: Advice, actions: np.ndarray) -> np.ndarray:
         """The environment's actions for those of the agent, of shape (n, action size) or of one environment."""
