@@ -40,6 +40,10 @@ class Correctable(AnalyticController[Memory]):
         """
 
     @abstractmethod
+    def looks_at_rest(self, memory: Memory) -> np.ndarray:
+        """Whether it holds the inputs to identify the arm, shape (n,) of bools: what is added then would mislead it."""
+
+    @abstractmethod
     def outlook(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
         """What the controller knows and is about to do, as numbers of about 1, shape (n, outlook_size).
 

@@ -8,7 +8,7 @@ inputs' rate. With what was added so far, s,
 
 The controller is told a', and goes on from where that leads (`controllers.correctable`): with feedback, it plans from
 there, and then s is zero. Appended to the entry "observation" are a, s and what the controller says of its intentions.
-With d = 0 the agent is the controller.
+With d = 0 the agent is the controller, and so it is while the controller holds the inputs to identify the arm.
 
 [Johannink2019]: see `correction`.
 """
@@ -31,6 +31,7 @@ class Advice(NamedTuple):
     Attributes:
         action: a of the module, shape (n, action size).
         added: s of the module, shape (n, action size); a tensor where gradients go by way of it.
+        by: largest correction, shape (n, 1); 0 while the controller looks at rest.
         said: all that is shown, shape (n, 2 action size + outlook size).
         before: what it remembered when it was asked, a NamedTuple of arrays (n, ...).
         after: what it wants to be remembered.
@@ -38,6 +39,7 @@ class Advice(NamedTuple):
 
     action: np.ndarray
     added: Any
+    by: np.ndarray
     said: np.ndarray
     before: Any
     after: Any
@@ -98,7 +100,10 @@ class FeedbackCorrection:
         action, after = self.controller.act(observed, before)
         added = self.controller.added(after).astype(np.float32)
         said = np.concatenate([action, added, self.controller.outlook(observed, after)], axis=1)
-        return Advice(action.astype(np.float32), added, np.clip(said, -_MOST, _MOST).astype(np.float32), before, after)
+        by = np.where(self.controller.looks_at_rest(after), 0.0, self.by)[:, None].astype(np.float32)
+        return Advice(
+            action.astype(np.float32), added, by, np.clip(said, -_MOST, _MOST).astype(np.float32), before, after
+        )
 
     def shown(self, xp: Any, memory: Advice) -> Any:
         """What is appended to observations, shape (n, 2 action size + outlook size).
@@ -111,7 +116,9 @@ class FeedbackCorrection:
 
     def action(self, xp: Any, memory: Advice, corrections: Any) -> Any:
         """The environment's actions, shape (n, action size), for corrections within [-1, 1]."""
-        return xp.clip(xp.asarray(memory.action) + self.by * corrections - xp.asarray(memory.added), -1.0, 1.0)
+        return xp.clip(
+            xp.asarray(memory.action) + xp.asarray(memory.by) * corrections - xp.asarray(memory.added), -1.0, 1.0
+        )
 
     def bounded(self, xp: Any, memory: Advice, actions: Any) -> Any:
         """What of these actions counts: all."""

@@ -120,6 +120,10 @@ class Servo(Correctable[ServoMemory]):
         """See `Correctable.added`."""
         return np.asarray(memory.added / self.rate)
 
+    def looks_at_rest(self, memory: ServoMemory) -> np.ndarray:
+        """See `Correctable.looks_at_rest`."""
+        return np.asarray(memory.looks)
+
     @property
     def outlook_size(self) -> int:
         """See `Correctable.outlook_size`."""

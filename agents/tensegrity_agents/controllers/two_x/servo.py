@@ -211,6 +211,10 @@ class Servo(Correctable[ServoMemory]):
         """See `Correctable.added`."""
         return np.zeros_like(memory.plan.commanded) if self.control == "joint" else memory.added / TensionControl.rate
 
+    def looks_at_rest(self, memory: ServoMemory) -> np.ndarray:
+        """See `Correctable.looks_at_rest`."""
+        return np.asarray(memory.looks > 0)
+
     @property
     def outlook_size(self) -> int:
         """See `Correctable.outlook_size`."""
