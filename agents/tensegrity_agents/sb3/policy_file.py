@@ -163,7 +163,10 @@ def augmentations(description: Mapping[str, Any]) -> list[Augmentation]:
     if description.get("history"):
         found.append(History.of(int(description["history"]), space, action_space))
     if description.get("corrects"):
-        found.append(_correction(description["corrects"], description["env"], description.get("options")))
+        # What it corrects is made for all levels at which it is trained.
+        levels = description.get("levels")
+        options = dict(description.get("options") or {}) | ({"level": levels} if levels else {})
+        found.append(_correction(description["corrects"], description["env"], options))
     return found
 
 
