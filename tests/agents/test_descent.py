@@ -58,7 +58,7 @@ def small(rounds=4, **changes):
 VARIANTS = {
     "plan": {},
     "settling": {"gradient": {"settling": 0.5}, "repeat_failed": 0.5},
-    "feedback": {"env": LOADED, "corrects": {"controller": "identifying_observer", "by": 1.0}, "repeat_failed": 0.9},
+    "feedback": {"env": LOADED, "corrects": {"controller": "servo", "by": 1.0}, "repeat_failed": 0.9},
 }
 
 

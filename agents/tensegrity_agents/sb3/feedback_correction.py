@@ -7,7 +7,7 @@ inputs' rate. With what was added so far, s,
     a' = clip(a + by d - s, -1, 1).
 
 The controller is told a', and goes on from where that leads (`controllers.correctable`): with feedback, it plans from
-there, and then s is zero. Appended to the entry "observation" are a, s and what the controller says of its intentions.
+there, and then s is zero. Appended to the entry "observation" are a, what the controller says of its intentions, and s.
 With d = 0 the agent is the controller, and so it is while the controller holds the inputs to identify the arm.
 
 [Johannink2019]: see `correction`.
@@ -32,7 +32,7 @@ class Advice(NamedTuple):
         action: a of the module, shape (n, action size).
         added: s of the module, shape (n, action size); a tensor where gradients go by way of it.
         by: largest correction, shape (n, 1); 0 while the controller looks at rest.
-        said: all that is shown, shape (n, 2 action size + outlook size).
+        said: a and what the controller says of its intentions, shape (n, action size + outlook size).
         before: what it remembered when it was asked, a NamedTuple of arrays (n, ...).
         after: what it wants to be remembered.
     """
@@ -99,7 +99,7 @@ class FeedbackCorrection:
             before = with_rows(before, fresh, self.controller.initial(observed.take(fresh), fresh))
         action, after = self.controller.act(observed, before)
         added = self.controller.added(after).astype(np.float32)
-        said = np.concatenate([action, added, self.controller.outlook(observed, after)], axis=1)
+        said = np.concatenate([action, self.controller.outlook(observed, after)], axis=1)
         by = np.where(self.controller.looks_at_rest(after), 0.0, self.by)[:, None].astype(np.float32)
         return Advice(
             action.astype(np.float32), added, by, np.clip(said, -_MOST, _MOST).astype(np.float32), before, after
@@ -112,7 +112,7 @@ class FeedbackCorrection:
             xp: numpy or torch.
             memory: what is remembered.
         """
-        return xp.asarray(memory.said)
+        return xp.concatenate([xp.asarray(memory.said), xp.asarray(memory.added)], axis=1)
 
     def action(self, xp: Any, memory: Advice, corrections: Any) -> Any:
         """The environment's actions, shape (n, action size), for corrections within [-1, 1]."""
