@@ -103,17 +103,19 @@ class CorrectionSettings(_Strict):
     """The agent corrects an analytic controller. See `sb3.correction` and `sb3.feedback_correction`."""
 
     controller: str = Field(description="that plans the inputs at full speed, or has feedback and can be corrected")
-    by: float = Field(4.0, gt=0, description="largest correction, in steps of the inputs' rate")
+    by: float = Field(4.0, gt=0, le=1000, strict=True, description="largest correction, in steps of the inputs' rate")
 
 
 class GradientSettings(_Strict):
     """Training through the gradient of the dynamics, before PPO begins. See `sb3.descent`."""
 
-    timesteps: int = Field(ge=1, description="environment steps through which gradients go, the first of all")
-    num_envs: int = Field(256, ge=1, description="episodes in one gradient")
+    timesteps: int = Field(
+        ge=1, description="environment steps through which gradients go, the first of all; rounded up to whole updates"
+    )
+    num_envs: int = Field(256, ge=1, le=100_000, description="episodes in one gradient")
     horizon: int = Field(40, ge=2, description="steps of each, from its beginning on")
-    learning_rate: float = Field(1e-3, gt=0, description="at the start; falls linearly to zero")
-    substeps: int = Field(5, ge=1, description="time steps in each step")
+    learning_rate: float = Field(1e-3, gt=0, le=1, description="at the start; falls linearly to zero")
+    substeps: int = Field(5, ge=1, le=1000, description="time steps in each step")
     settling: float = Field(
         0.0, ge=0, le=1, description="share of the cost that counts the largest error to come, not that of the moment"
     )
@@ -352,12 +354,19 @@ class Experiment(_Strict):
             if not train.is_on_policy:
                 raise ValueError(f"corrects: needs algorithm: ppo or recurrent_ppo, not {train.algorithm}")
         if train.gradient is not None:
-            if train.algorithm != "ppo" or train.teacher is not None or train.privileged is not None:
-                raise ValueError("gradient: needs algorithm: ppo, without teacher and privileged")
+            others = [name for name in ("teacher", "privileged") if getattr(train, name) is not None]
+            if train.algorithm != "ppo" or others:
+                given = ", ".join([f"algorithm: {train.algorithm}", *others])
+                raise ValueError(f"gradient: needs algorithm: ppo, without teacher and privileged; given: {given}")
             if train.model_hints or train.goal_is_angles:
                 raise ValueError("gradient: does not go with model_hints: true and goal_is_angles: true")
             if train.gradient.timesteps > train.total_timesteps:
-                raise ValueError(f"gradient.timesteps: at most total_timesteps, {train.total_timesteps}")
+                raise ValueError(
+                    f"gradient.timesteps {train.gradient.timesteps}: at most total_timesteps, {train.total_timesteps}"
+                )
+            limit = gym.spec(self.env).max_episode_steps
+            if limit and train.gradient.horizon > limit:
+                raise ValueError(f"gradient.horizon {train.gradient.horizon}: an episode has {limit} steps")
             try:
                 check_smooth(unwrapped(gym.make(self.env, **self.training_options)).core)
             except ValueError as error:
@@ -453,10 +462,11 @@ def _validated(content: dict[str, Any], where: str) -> Experiment:
 
 
 def _explain(item: Any) -> str:
-    where = ".".join(str(part) for part in item["loc"]) or "the whole"
+    where = ".".join(str(part) for part in item["loc"])
     if item["type"] != "extra_forbidden":
         given = "" if item["type"] in ("missing", "value_error") else f", got {item['input']!r}"
-        return f"  {where}: {item['msg'].removeprefix('Value error, ')}{given}"
+        said = f"{item['msg'].removeprefix('Value error, ')}{given}"
+        return f"  {where}: {said}" if where else f"  {said}"  # what concerns several keys names them
     model: Any = Experiment
     for part in item["loc"][:-1]:
         if part in getattr(model, "model_fields", {}):

@@ -4,6 +4,7 @@ Every command is one function here: `train_agents`, `compare`, `evaluate_named`,
 as arguments; what they write goes into the folder that is given.
 """
 
+import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -64,7 +65,8 @@ def train_agents(
             shutil.rmtree(home)
 
     def report(seed: int, done: int, total: int, success: float) -> None:
-        progress(f"training agent (seed {seed})", done, total, f"success {success:4.0%}")
+        so_far = "" if math.isnan(success) else f"success {success:4.0%}"
+        progress(f"training agent (seed {seed})", done, total, so_far)
 
     agents = {seed: _finished(home, experiment) for seed, home in homes.items()}
     todo = {seed: homes[seed] for seed, agent in agents.items() if agent is None}

@@ -234,6 +234,7 @@ def test_derivatives_of_a_step(env_id):
         ("TwoXReach", "only quasi-static environments that are driven by inputs"),
         ("PlanarFourBarReachMuJoCo", "prismatic actuators or a platform"),
         ("SpatialPrismTrackMuJoCo", "prismatic actuators or a platform"),
+        ("DualTriangleObstacleReach", "environments with obstacles"),
     ],
 )
 def test_what_has_no_smooth_dynamics_is_refused(env_id, message):

@@ -10,6 +10,7 @@ import gymnasium as gym
 
 from tensegrity_agents.sb3.smooth_episodes import SmoothEpisodes
 from tensegrity_envs.env import unwrapped
+from tensegrity_envs.mechanics.eigenvalues import smallest_eigenvalue
 
 N, STEPS = 16, 5
 IDS = ("DualTriangleLoadedReach-v0", "TwoXTensionReach-v0")
@@ -47,3 +48,19 @@ def test_steps_are_those_of_the_environment_and_have_its_derivatives(env_id):
     even = alive & (np.abs(ahead - back) < 0.1 * np.abs(ahead) + 1e-4)  # an input at its bound has a kink there
     assert even.sum() > N // 2
     assert given.grad[even, k].numpy() == pytest.approx((ahead + back)[even] / 2, rel=0.05, abs=2e-4)
+
+
+def test_the_smallest_eigenvalue_of_many_joints_is_that_of_numpy():
+    """Where no closed form is, in traced functions of JAX, too."""
+    import jax
+
+    draw = np.random.default_rng(0).normal(size=(5, 5, 7))
+    matrix = draw + draw.transpose(1, 0, 2)
+
+    def smallest(entries):
+        return smallest_eigenvalue(tuple(tuple(entries[i, j] for j in range(5)) for i in range(5)))
+
+    wanted = np.linalg.eigvalsh(matrix.transpose(2, 0, 1))[:, 0]
+    np.testing.assert_allclose(smallest(matrix), wanted, rtol=1e-12)
+    np.testing.assert_allclose(jax.jit(smallest)(matrix), wanted, rtol=1e-5)
+    np.testing.assert_allclose(smallest(torch.as_tensor(matrix)), wanted, rtol=1e-12)

@@ -125,8 +125,9 @@ class Correction:
     def applied(self, memory: Course, actions: np.ndarray) -> np.ndarray:
         """The environment's actions for those of the agent, of shape (n, inputs) or of one environment."""
         corrections = np.reshape(actions, (-1, self.size)).astype(np.float32)
-        given: np.ndarray = self.bounded(np, memory, self.action(np, memory, corrections))
-        return given.reshape(np.shape(actions))
+        given = self.bounded(np, memory, self.action(np, memory, corrections))
+        within: np.ndarray = np.clip(given, -1.0, 1.0)  # rounding may have led beyond
+        return within.reshape(np.shape(actions))
 
     def acted(self, memory: Course, actions: np.ndarray) -> Course:
         """What to remember after these actions of the environment."""

@@ -120,13 +120,13 @@ def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> floa
 
     Raises:
         ImportError: the extra "onnx" is not installed.
-        ExportError: actions differ by more than `TOLERANCE`, or the policy corrects a controller's plan; the file is
+        ExportError: actions differ by more than `TOLERANCE`, or the policy corrects a controller; the file is
             not written.
     """
     if any(isinstance(one, Correction | FeedbackCorrection) for one in trained.augmentations):
         planner = trained.description["corrects"]["controller"]
         raise ExportError(
-            f"{path}: the policy corrects the plan of {planner}, which is made by Python code that no graph holds; run "
+            f"{path}: the policy corrects {planner}, which is Python code that no graph holds; run "
             "it in Python, by tensegrity_agents.load_policy(folder).predict, or train an agent without `corrects:`"
         )
     need("onnx", "ONNX needs", "onnx", "onnxscript", "onnxruntime")

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,14 +109,23 @@ class TrainedPolicy:
         remembered = "what it observes and has observed in the episode" if remembers else ""
         sees = told if description.get("model_hints") else remembered or "only what it observes"
         if description.get("corrects"):
-            sees += f", and the plan of {description['corrects']['controller']}, which it corrects"
+            corrected = description["corrects"]["controller"]
+            what = f"the plan of {corrected}" if self.has_plan else f"what {corrected} says, a controller with feedback"
+            sees += f", and {what}, which it corrects"
         self.knows = f"{sees}; {_how_trained(description.get('train') or {})}"
+
+    @property
+    def has_plan(self) -> bool:
+        """Whether what it corrects is a plan."""
+        return any(isinstance(one, Correction) for one in self.augmentations)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Actions for one observation or a batch, and what is remembered for the next."""
         before, hidden = (None, None) if state is None else state
+        if episode_start is not None:
+            episode_start = np.reshape(episode_start, -1)  # one bool for one environment
         memories = []
         for k, augmentation in enumerate(self.augmentations):
             observation, memory = augmentation(observation, None if before is None else before[k], episode_start)
@@ -315,8 +325,17 @@ def load_policy(
             f"{description_file}: format {version!r}, algorithm {algorithm!r}, activation {activation!r}; "
             f"this package reads format {FORMAT}, {', '.join(POLICIES)}, {', '.join(_ACTIVATIONS)}"
         )
+    module = str(env).partition(":")[0] if ":" in str(env) else ""
+    if module and env_id != env and module not in sys.modules:
+        raise PolicyFileError(
+            f"{description_file}: of {env}, whose module {module} would be run: import it, or give env_id={env!r}, "
+            "if you trust it"
+        )
     if env_id is not None and (env != env_id or trained_with != (options or {})):
-        observation_space, action_space = _spaces(env_id, options)
+        try:
+            observation_space, action_space = _spaces(env_id, options)
+        except gym.error.Error as error:
+            raise PolicyFileError(f"{folder}: wanted for {env_id!r}, trained on {env!r}: {error}") from error
         if {k: list(s.shape or ()) for k, s in observation_space.spaces.items()} != shapes or action_space.shape != (
             action_size,
         ):
@@ -334,8 +353,11 @@ def load_policy(
     except SafetensorError as error:
         raise PolicyFileError(f"{weights}: not a safetensors file ({error})") from error
     try:
-        mean, variance = (tensors.pop(_NORMALIZE + key).numpy() for key in ("mean", "variance"))
         policy = plain_policy(description)
+    except (KeyError, TypeError, ValueError, gym.error.Error) as error:
+        raise PolicyFileError(f"{description_file}: no policy can be made of this description ({error})") from error
+    try:
+        mean, variance = (tensors.pop(_NORMALIZE + key).numpy() for key in ("mean", "variance"))
         fit = policy.load_state_dict(tensors, strict=not _is_taught_only(description))
         if fit.unexpected_keys or not all(key.startswith(_VALUE) for key in fit.missing_keys):
             raise KeyError(*fit.unexpected_keys, *fit.missing_keys)

@@ -2,6 +2,7 @@
 
 import math
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -61,13 +62,16 @@ def _smallest_by_iteration(matrix: tuple[Components, ...]) -> Component:
         return _smallest_by_rotations(matrix)
     if not is_batch(*entries):
         return float(np.linalg.eigvalsh(np.array(matrix, float))[0])
-    if not any(isinstance(entry, np.ndarray) for entry in entries):
-        torch = sys.modules["torch"]
+    torch = sys.modules.get("torch")
+    if torch is not None and any(torch.is_tensor(entry) for entry in entries):
         tensor = torch.stack(torch.broadcast_tensors(*map(torch.as_tensor, entries)), dim=-1)
         return torch.linalg.eigvalsh(tensor.reshape(*tensor.shape[:-1], len(matrix), len(matrix)))[..., 0]
-    stacked = np.stack(np.broadcast_arrays(*entries), axis=-1)
+    jax = sys.modules.get("jax")
+    is_jax = jax is not None and any(isinstance(entry, jax.Array) for entry in entries)
+    xp: Any = sys.modules["jax.numpy"] if is_jax else np
+    stacked = xp.stack(xp.broadcast_arrays(*entries), axis=-1)
     n = len(matrix)
-    return np.linalg.eigvalsh(stacked.reshape(*stacked.shape[:-1], n, n))[..., 0]
+    return xp.linalg.eigvalsh(stacked.reshape(*stacked.shape[:-1], n, n))[..., 0]
 
 
 def _smallest_by_rotations(matrix: tuple[Components, ...]) -> Component:

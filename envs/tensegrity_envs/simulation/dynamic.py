@@ -94,8 +94,13 @@ def check_smooth(core: Any) -> None:
         core: of the environment.
 
     Raises:
-        ValueError: it is quasi-static and not driven by its inputs, or dynamic with prismatic actuators or a platform.
+        ValueError: there are obstacles; it is quasi-static and not driven by its inputs, or dynamic with prismatic
+            actuators or a platform.
     """
+    from tensegrity_envs.interface import Interface
+
+    if type(core).with_clearance is not Interface.with_clearance:
+        raise ValueError("environments with obstacles cannot be differentiated yet")
     if core.engine is None:
         from tensegrity_envs.simulation.quasi_static import InputControl
 
