@@ -199,7 +199,7 @@ def test_one_episode_or_many_and_a_policy_that_was_stored(tmp_path):
 
 
 def test_no_file_of_onnx_holds_a_plan(tmp_path):
-    with pytest.raises(ExportError, match=r"corrects the plan of closed_form_plan.*load_policy\(folder\)\.predict"):
+    with pytest.raises(ExportError, match=r"corrects closed_form_plan.*load_policy\(folder\)\.predict"):
         tensegrity_agents.export(agent_of(described(), 1.0), tmp_path / "policy.onnx")
     assert not list(tmp_path.iterdir())
 
@@ -217,7 +217,7 @@ def test_no_file_of_onnx_holds_a_plan(tmp_path):
         (FAST, {"corrects": {"controler": PLAN}}, "did you mean 'controller'"),
         (FAST, {"corrects": {"controller": PLAN}, "algorithm": "sac"}, "corrects: needs algorithm: ppo"),
         (
-            "tensegrity/TwoXReach-v0",
+            "tensegrity/ThreeXReach-v0",
             {"corrects": {"controller": "oracle"}},
             "corrects.controller: 'oracle' of .* cannot be corrected; no controller of this id can",
         ),
