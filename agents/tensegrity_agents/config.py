@@ -119,6 +119,9 @@ class GradientSettings(_Strict):
     settling: float = Field(
         0.0, ge=0, le=1, description="share of the cost that counts the largest error to come, not that of the moment"
     )
+    most_sensitive: float | None = Field(
+        20.0, ge=1, description="times the median to which an episode's gradient in its state is shortened; null: never"
+    )
 
 
 class PrivilegedSettings(_Strict):

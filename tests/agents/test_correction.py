@@ -1,5 +1,6 @@
 """Agents that correct a controller's plan: against the controller itself, and against episodes kept step by step."""
 
+import json
 from typing import Any
 
 import gymnasium as gym
@@ -16,6 +17,7 @@ from tensegrity_agents.sb3.correction import Correction, Course
 from tensegrity_agents.sb3.errors import ExportError
 from tensegrity_agents.sb3.policy_file import (
     Normalization,
+    PolicyFileError,
     TrainedPolicy,
     augmentations,
     load_policy,
@@ -198,6 +200,21 @@ def test_one_episode_or_many_and_a_policy_that_was_stored(tmp_path):
     assert np.abs(ours).max() > 0.01
 
 
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"env": "nowhere:Arm-v0"}, "whose module nowhere would be run"),
+        ({"corrects": {"controller": "nobody", "by": 1.0}}, "policy.json: no policy can be made .*'nobody' of"),
+    ],
+)
+def test_a_description_that_was_changed_is_explained(change, match, tmp_path):
+    save_policy(tmp_path, agent_of(described(), 0.0))
+    file = tmp_path / "policy.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | change))
+    with pytest.raises(PolicyFileError, match=match):
+        load_policy(tmp_path)
+
+
 def test_no_file_of_onnx_holds_a_plan(tmp_path):
     with pytest.raises(ExportError, match=r"corrects closed_form_plan.*load_policy\(folder\)\.predict"):
         tensegrity_agents.export(agent_of(described(), 1.0), tmp_path / "policy.onnx")
@@ -214,6 +231,8 @@ def test_no_file_of_onnx_holds_a_plan(tmp_path):
         ),
         (FAST, {"corrects": {"controller": "nobody"}}, "corrects.controller: .nobody. of .*closed_form_plan can"),
         (FAST, {"corrects": {"controller": PLAN, "by": 0}}, "by"),
+        (FAST, {"corrects": {"controller": PLAN, "by": True}}, "by"),
+        (FAST, {"corrects": {"controller": PLAN, "by": 1e39}}, "by"),
         (FAST, {"corrects": {"controler": PLAN}}, "did you mean 'controller'"),
         (FAST, {"corrects": {"controller": PLAN}, "algorithm": "sac"}, "corrects: needs algorithm: ppo"),
         (

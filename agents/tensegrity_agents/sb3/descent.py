@@ -138,7 +138,7 @@ class Descent:
         levels = experiment.train.levels
         drawn: dict[str, Any] = {} if levels is None else {"level": levels}
         core = unwrapped(gym.make(experiment.env, **experiment.training_options, **drawn)).core
-        self.episodes = SmoothEpisodes(core, settings.num_envs, settings.substeps)
+        self.episodes = SmoothEpisodes(core, settings.num_envs, settings.substeps, settings.most_sensitive)
         self.tolerance = float(core.task.tolerance)
         described = {"env": experiment.env, "options": experiment.options, **experiment.train.model_dump(mode="json")}
         found = augmentations(described)

@@ -15,7 +15,6 @@ from tensegrity_envs.simulation.protocol import RUNNING
 
 _ROOM = 0.05  # stability margin below which an arm at rest is close to buckling
 _LIMIT = 0.05  # [rad] before a joint limit
-_MOST_SENSITIVE = 20.0  # times the median: what an episode's gradient in its state may come to, or a few would rule
 # XLA fuses long chains of small operations by computing parts of them many times.
 _UNFUSED = {"xla_disable_hlo_passes": "fusion,cpu-fusion,cpu-instruction-fusion"}
 
@@ -27,16 +26,18 @@ class SmoothEpisodes:
         core: of the environment.
         n: how many.
         substeps: of each step.
+        most_sensitive: times the median to which an episode's gradient in its state is shortened in every step, so that
+            a few do not rule; what is shortened is biased. None shortens none.
     """
 
-    def __init__(self, core: Core, n: int, substeps: int) -> None:
+    def __init__(self, core: Core, n: int, substeps: int, most_sensitive: float | None = None) -> None:
         need("jax", "training through the gradient of the dynamics needs", "jax")
         import jax
 
         from tensegrity_envs.simulation.smooth import SmoothDynamics
         from tensegrity_envs.simulation.smooth_rest import SmoothRest
 
-        self.core, self.n = core, n
+        self.core, self.n, self.most_sensitive = core, n, most_sensitive
         self._smooth: Any = SmoothRest(core) if core.engine is None else SmoothDynamics(core, substeps)
         state = core.states.rows
         if core.engine is not None:
@@ -152,8 +153,9 @@ class _Step(torch.autograd.Function):
         states, actions = (np.array(value) for value in found)
         lost = ~(np.isfinite(states).all(axis=0) & np.isfinite(actions).all(axis=1))  # an arm that flies apart
         states[:, lost], actions[lost] = 0.0, 0.0
-        norm = np.linalg.norm(states, axis=0)
-        states *= np.minimum(1.0, _MOST_SENSITIVE * np.median(norm) / np.maximum(norm, 1e-30))
+        if ctx.env.most_sensitive is not None:
+            norm = np.linalg.norm(states, axis=0)
+            states *= np.minimum(1.0, ctx.env.most_sensitive * np.median(norm) / np.maximum(norm, 1e-30))
         return None, None, torch.from_numpy(states), torch.from_numpy(actions), None
 
 
