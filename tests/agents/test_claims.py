@@ -70,6 +70,16 @@ def test_time_is_no_win_at_the_cost_of_success(share, time, verdict):
     assert wins(TIME, [row("PPO agent", share, time, "agent", 0), controller]) == verdict
 
 
+def test_one_miss_of_many_does_not_decide():
+    """Where the controller has all of its episodes, nobody could have more."""
+    ours = [row("PPO agent", 1.0, 0.7, "agent", seed) for seed in range(4)]
+    flags = np.ones(EPISODES, bool)
+    flags[7] = False
+    times = np.where(flags, 0.7, np.inf)
+    ours[0] = replace(ours[0], successes={"2": packed(flags)}, settling={"2": packed_times(times)})
+    assert wins(TIME, [*ours, row("lqg", 1.0)]) == "agent"
+
+
 def test_the_level_of_the_id_itself_is_the_environment_as_it_is():
     """A nominal id at level 0, an uncertain one at level 2: whether or not the record names it."""
     nominal, uncertain = ENV, "tensegrity/DualTriangleLoadedReachUncertain-v0"
