@@ -89,6 +89,7 @@ class Interface(ABC):
         noise_scale: what the tip noise of the levels of uncertainty is multiplied by, for mechanisms of another size.
         info_meanings: unit and meaning of the entries of `info` that only this environment has.
         can_fail: whether episodes may be terminated; a subclass whose episodes end by the time limit alone says False.
+        has_obstacles: whether there is something that the arm may meet.
         shows_joint_space: whether reports draw paths in the joint space, whose two angles decide all margins.
         dynamics: the parameters of a dynamic simulation; None in a quasi-static one.
         engine: the engine of a dynamic simulation; None in a quasi-static one.
@@ -117,6 +118,7 @@ class Interface(ABC):
     noise_scale: ClassVar[float] = 1.0
     info_meanings: ClassVar[dict[str, tuple[str, str]]] = {}
     can_fail: bool = True
+    has_obstacles: bool = False
     shows_joint_space: bool = False
     dynamics: Dynamics | None = None
     engine: "Engine | None" = None

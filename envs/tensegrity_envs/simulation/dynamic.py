@@ -97,9 +97,7 @@ def check_smooth(core: Any) -> None:
         ValueError: there are obstacles; it is quasi-static and not driven by its inputs, or dynamic with prismatic
             actuators or a platform.
     """
-    from tensegrity_envs.interface import Interface
-
-    if type(core).with_clearance is not Interface.with_clearance:
+    if core.has_obstacles:
         raise ValueError("environments with obstacles cannot be differentiated yet")
     if core.engine is None:
         from tensegrity_envs.simulation.quasi_static import InputControl

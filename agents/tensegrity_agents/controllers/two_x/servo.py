@@ -92,7 +92,7 @@ class Servo(Correctable[ServoMemory]):
 
     Args:
         core: of the environment.
-        looks: steps for which the inputs are held at first, in cable control and where the tip is seen through noise.
+        looks: steps for which the inputs are held at first, in cable control.
         clearance: of paths [-]: the arm is not quite the one that is planned with.
     """
 
@@ -112,7 +112,7 @@ class Servo(Correctable[ServoMemory]):
         super().__init__(core)
         self.control = core.control
         self.clearance = clearance
-        self.looks = looks if self.control == "tension" and core.randomization.tip_noise else 0
+        self.looks = looks if self.control == "tension" else 0
         self.planner = Observer(core)
 
     def _take(self, design: TwoXDesign) -> None:
@@ -241,7 +241,13 @@ class Servo(Correctable[ServoMemory]):
 
 
 class IdentifyingObserver(Servo):
-    """A servo that identifies stiffness, mass and payload on the way, by recursive least squares. See the module."""
+    """A servo that identifies stiffness, mass and payload on the way, by recursive least squares. See the module.
+
+    Args:
+        core: of the environment.
+        looks: steps for which the inputs are held at first, in cable control and where the tip is seen through noise.
+        clearance: see `Servo`.
+    """
 
     knows = "the nominal design and the ranges of stiffness, mass, payload and noise; identifies them on the way"
     is_told_ranges = True
@@ -251,6 +257,9 @@ class IdentifyingObserver(Servo):
         "clearance": (0.1, 0.2, 0.3),
         "gain": (0.1, 0.15, 0.25),
     }
+
+    def __init__(self, core: Core, looks: int = 0, clearance: float = 0.1) -> None:
+        super().__init__(core, looks if core.randomization.tip_noise else 0, clearance)
 
     @property
     def ranges(self) -> np.ndarray:

@@ -52,6 +52,7 @@ class ObstacleCore(Core):
         ValueError: an argument is out of range; the message names it.
     """
 
+    has_obstacles = True
     space_type: ClassVar[type[JointSpace]] = JointSpace
     task_type: ClassVar[type[Reach]] = ObstacleReach
     default_weights = _WEIGHTS
