@@ -216,7 +216,7 @@ def test_a_description_that_was_changed_is_explained(change, match, tmp_path):
 
 
 def test_no_file_of_onnx_holds_a_plan(tmp_path):
-    with pytest.raises(ExportError, match=r"corrects closed_form_plan.*load_policy\(folder\)\.predict"):
+    with pytest.raises(ExportError, match=r"corrects the plan of closed_form_plan.*load_policy\(folder\)\.predict"):
         tensegrity_agents.export(agent_of(described(), 1.0), tmp_path / "policy.onnx")
     assert not list(tmp_path.iterdir())
 

@@ -134,7 +134,7 @@ def test_only_what_the_agent_would_be_without_corrections_can_be_corrected(name)
 
 
 def test_no_file_of_onnx_holds_a_controller(tmp_path):
-    with pytest.raises(ExportError, match="corrects the plan of servo"):
+    with pytest.raises(ExportError, match="corrects what servo says, a controller with feedback"):
         export(agent_of(described(LOADED, "servo"), 1.0), tmp_path / "policy.onnx")
 
 

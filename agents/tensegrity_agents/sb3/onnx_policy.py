@@ -34,9 +34,7 @@ import torch
 from torch.distributions import Distribution
 
 from tensegrity_agents.extras import need
-from tensegrity_agents.sb3.correction import Correction
 from tensegrity_agents.sb3.errors import ExportError
-from tensegrity_agents.sb3.feedback_correction import FeedbackCorrection
 from tensegrity_agents.sb3.history import History, Past, remembered, with_action
 from tensegrity_agents.sb3.policy_file import TrainedPolicy, augmentations
 from tensegrity_agents.whole_file import written_whole
@@ -120,14 +118,13 @@ def export(trained: TrainedPolicy, path: Path, observations: int = 1000) -> floa
 
     Raises:
         ImportError: the extra "onnx" is not installed.
-        ExportError: actions differ by more than `TOLERANCE`, or the policy corrects a controller; the file is
-            not written.
+        ExportError: actions differ by more than `TOLERANCE`, or the policy corrects a controller; the file is not
+            written.
     """
-    if any(isinstance(one, Correction | FeedbackCorrection) for one in trained.augmentations):
-        planner = trained.description["corrects"]["controller"]
+    if trained.corrected:
         raise ExportError(
-            f"{path}: the policy corrects {planner}, which is Python code that no graph holds; run "
-            "it in Python, by tensegrity_agents.load_policy(folder).predict, or train an agent without `corrects:`"
+            f"{path}: the policy corrects {trained.corrected}, made by Python code that no graph holds; run it "
+            "in Python, by tensegrity_agents.load_policy(folder).predict, or train an agent without `corrects:`"
         )
     need("onnx", "ONNX needs", "onnx", "onnxscript", "onnxruntime")
     graph = _Graph(trained).eval()

@@ -109,15 +109,17 @@ class TrainedPolicy:
         remembered = "what it observes and has observed in the episode" if remembers else ""
         sees = told if description.get("model_hints") else remembered or "only what it observes"
         if description.get("corrects"):
-            corrected = description["corrects"]["controller"]
-            what = f"the plan of {corrected}" if self.has_plan else f"what {corrected} says, a controller with feedback"
-            sees += f", and {what}, which it corrects"
+            sees += f", and {self.corrected}, which it corrects"
         self.knows = f"{sees}; {_how_trained(description.get('train') or {})}"
 
     @property
-    def has_plan(self) -> bool:
-        """Whether what it corrects is a plan."""
-        return any(isinstance(one, Correction) for one in self.augmentations)
+    def corrected(self) -> str:
+        """What it corrects, in words: a controller's plan, or what a controller with feedback says; "" if nothing."""
+        if not self.description.get("corrects"):
+            return ""
+        name = self.description["corrects"]["controller"]
+        has_plan = any(isinstance(one, Correction) for one in self.augmentations)
+        return f"the plan of {name}" if has_plan else f"what {name} says, a controller with feedback"
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -325,8 +327,8 @@ def load_policy(
             f"{description_file}: format {version!r}, algorithm {algorithm!r}, activation {activation!r}; "
             f"this package reads format {FORMAT}, {', '.join(POLICIES)}, {', '.join(_ACTIVATIONS)}"
         )
-    module = str(env).partition(":")[0] if ":" in str(env) else ""
-    if module and env_id != env and module not in sys.modules:
+    module, colon, _ = str(env).partition(":")
+    if colon and env_id != env and module not in sys.modules:
         raise PolicyFileError(
             f"{description_file}: of {env}, whose module {module} would be run: import it, or give env_id={env!r}, "
             "if you trust it"

@@ -6,7 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_envs.compiler.namespace import Component, Components, is_batch, is_symbol, namespace_of
+from tensegrity_envs.compiler.namespace import (
+    Component,
+    Components,
+    is_batch,
+    is_jax,
+    is_symbol,
+    is_tensor,
+    namespace_of,
+)
 
 _SWEEPS = 6  # of rotations: after four of them the entries beside the diagonal are a matter of rounding
 
@@ -62,13 +70,11 @@ def _smallest_by_iteration(matrix: tuple[Components, ...]) -> Component:
         return _smallest_by_rotations(matrix)
     if not is_batch(*entries):
         return float(np.linalg.eigvalsh(np.array(matrix, float))[0])
-    torch = sys.modules.get("torch")
-    if torch is not None and any(torch.is_tensor(entry) for entry in entries):
+    if any(map(is_tensor, entries)):
+        torch = sys.modules["torch"]
         tensor = torch.stack(torch.broadcast_tensors(*map(torch.as_tensor, entries)), dim=-1)
         return torch.linalg.eigvalsh(tensor.reshape(*tensor.shape[:-1], len(matrix), len(matrix)))[..., 0]
-    jax = sys.modules.get("jax")
-    is_jax = jax is not None and any(isinstance(entry, jax.Array) for entry in entries)
-    xp: Any = sys.modules["jax.numpy"] if is_jax else np
+    xp: Any = sys.modules["jax.numpy"] if any(map(is_jax, entries)) else np
     stacked = xp.stack(xp.broadcast_arrays(*entries), axis=-1)
     n = len(matrix)
     return xp.linalg.eigvalsh(stacked.reshape(*stacked.shape[:-1], n, n))[..., 0]
