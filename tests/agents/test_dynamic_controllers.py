@@ -33,6 +33,36 @@ def test_ramps_reach_what_full_speed_does_not(env_id):
     assert success(plain, env_id) < 0.7
 
 
+@pytest.mark.parametrize("env_id", [*IDS, "tensegrity/TwoXFastReachMuJoCo-v0"])
+def test_the_settling_time_is_that_of_a_look_back(env_id):
+    """The step after the last one off target, of an episode that ends on target; there success takes no hold."""
+    n, steps = 8, gym.spec(env_id).max_episode_steps
+    times = evaluate(make_controller("lqg", env_id), env_id, n, VALIDATION_SEED, "lqg").columns["settling_time_s"]
+    envs = gym.make_vec(env_id, n, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
+    controller, core = make_controller("lqg", env_id), envs.unwrapped.core
+    observation, info = envs.reset(seed=VALIDATION_SEED)
+    state, start, off = None, np.ones(n, bool), []
+    for _ in range(steps):
+        off.append(info[core.error_name] > core.task.tolerance)
+        action, state = controller.predict(observation, state, start, deterministic=True)
+        observation, _, terminated, truncated, info = envs.step(action)
+        start = terminated | truncated
+        if start.any():
+            assert start.all() and not terminated.any()
+            break
+    last = np.array(off)
+    assert not last[-1].any()
+    expected = 0.02 * (steps - np.argmax(last[::-1], axis=0))
+    np.testing.assert_allclose(times, expected)
+    assert (times < 1.5).all()
+
+
+def test_nobody_asks_when_arms_at_rest_settle():
+    env_id = "tensegrity/TwoXTensionReach-v0"
+    columns = evaluate(make_controller("random", env_id), env_id, 4, VALIDATION_SEED, "random").columns
+    assert np.isnan(columns["settling_time_s"]).all()
+
+
 @of_group(LOADED)
 def test_with_an_unknown_force_the_observer_wins_and_the_nominal_ramp_fails():
     found = {name: success_of(LOADED, name) for name in DYNAMIC["DualTriangleReach"]}

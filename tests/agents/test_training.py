@@ -495,10 +495,11 @@ def test_every_baseline_runs_on_every_environment(env_id, name):
     elif "DualTriangle" in env_id:
         weak = {"closed_form_plan": 0.0}  # at full speed and without feedback the arm swings
         if "Loaded" in env_id:
-            weak = {"pseudo_inverse": 0.6, "observer": 0.95, "oracle": 0.975}
+            weak = {"pseudo_inverse": 0.6, "observer": 0.95, "lqg": 0.975, "oracle": 0.975}
         assert success >= weak.get(name, 0.0 if "Loaded" in env_id else 0.975)
     elif "ThreeX" in env_id and "MuJoCo" in env_id:
-        assert success >= {"pseudo_inverse": 0.0}.get(name, 0.6)  # ramps lose a fifth there, see docs/n_x.md
+        # Where nothing is fed back, the arm falls into other equilibria: docs/n_x.md.
+        assert success >= {"pseudo_inverse": 0.0, "closed_form_plan": 0.0, "lqr": 0.8}.get(name, 0.95)
     elif "MuJoCo" in env_id and name == "closed_form_ik":
         assert success >= 0.85  # at full speed the mechanism still swings at the end
     elif name == "oracle" or (

@@ -86,7 +86,7 @@ class LQG(FullSpeed[LQGMemory]):
 
     tunable: ClassVar[dict[str, tuple[float, ...]]] = {
         "softness": (0.2, 0.3, 1.0, 3.0, 10.0),
-        "smoothing": (3, 5, 8, 10, 12, 16),
+        "smoothing": (3, 5, 8, 10, 12, 16, 20),
     }
     is_told_ranges = True
     wait = 8  # steps

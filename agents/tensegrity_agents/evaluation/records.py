@@ -33,7 +33,7 @@ class Record:
         frames: environment steps of the training.
         cpu_seconds: of the training; None where it is not known.
         wall_seconds: of the training.
-        settling: of fast tasks, time after which the tip has stayed on target, by level; see `packed_times`.
+        settling: of reaching in dynamics, time after which the tip has stayed on target, by level; see `packed_times`.
     """
 
     env: str

@@ -25,7 +25,7 @@ COLUMNS = (
     "effort",  # mean over steps and inputs of (input / scale)^2
     "return",  # sum of rewards
     "score",  # of tasks that have one (holding: largest force held, in critical loads), else NaN
-    "settling_time_s",  # of fast tasks, after which the tip stays on target [s]; infinite without success; else NaN
+    "settling_time_s",  # after which the tip stays on target, in dynamics [s]; infinite without success
 )
 
 

@@ -14,6 +14,7 @@ from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.results import Run
 from tensegrity_envs import termination_reason
 from tensegrity_envs.core import Core
+from tensegrity_envs.tasks.reach import Reach
 from tensegrity_envs.vector_env import step_info
 
 
@@ -119,7 +120,7 @@ def evaluate(
                     f"controller {name!r}: {error}. make_controller({name!r}, {env_id!r}{same}) makes one for these "
                     "episodes; evaluate(..., made_elsewhere=True) lets this one act all the same"
                 ) from error
-        record = _Record(count, limit, core.error_name)
+        record = _Record(count, limit, core.error_name, step_time(core))
         observation, info = envs.reset(seed=first_seed + first)
         record.add(info, np.zeros(count), np.ones(count, bool), initial=True)
         with _blaming(name, "begin_episodes"):
@@ -151,11 +152,17 @@ def evaluate(
     return Run(name, kind, columns, seeds, reasons, per_action, error_unit=core.error_unit)
 
 
+def step_time(core: Any) -> float:
+    """Duration of a step [s] where arms reach in dynamics; elsewhere nobody asks when they settle, NaN."""
+    own = core.dynamics
+    return own.timestep * own.frame_skip if own is not None and isinstance(core.task, Reach) else float("nan")
+
+
 class _Record:
     """Running totals of the episodes of one batch."""
 
-    def __init__(self, count: int, limit: int, error_name: str) -> None:
-        self.limit, self.error_name = limit, error_name
+    def __init__(self, count: int, limit: int, error_name: str, step_time: float) -> None:
+        self.limit, self.error_name, self.step_time = limit, error_name, step_time
         zeros = np.zeros(count)
         self.steps, self.unstable, self.infeasible = zeros.copy(), zeros.copy(), zeros.copy()
         self.effort, self.total = zeros.copy(), zeros.copy()
@@ -164,7 +171,7 @@ class _Record:
         self.error = np.full(count, np.nan)
         self.stability, self.wrench = np.full(count, np.inf), np.full(count, np.inf)
         self.score = np.full(count, np.nan)
-        self.settling = np.full(count, np.nan)
+        self.since, self.settling = zeros.copy(), np.full(count, np.nan)
         self.reasons = [""] * count
 
     def add(self, info: dict[str, Any], reward: np.ndarray, alive: np.ndarray, initial: bool = False) -> None:
@@ -172,14 +179,16 @@ class _Record:
         success = info["is_success"].astype(bool)
         self.success[alive] = success[alive]
         self.error[alive] = info[self.error_name][alive]
-        self.first[alive & success & np.isnan(self.first)] = (self.steps + (not initial))[
-            alive & success & np.isnan(self.first)
-        ]
+        at = self.steps + (not initial)
+        self.first[alive & success & np.isnan(self.first)] = at[alive & success & np.isnan(self.first)]
         self.ever |= success & alive
         if "score" in info:
             self.score[alive] = info["score"][alive]
-        if "settling_time" in info:
-            self.settling[alive] = np.where(success, info["settling_time"], np.inf)[alive]
+        self.since[alive & ~success] = (at + 1)[alive & ~success]
+        if not np.isnan(self.step_time):
+            # Fast tasks tell it themselves; success takes some steps longer there.
+            settled = info.get("settling_time", self.step_time * self.since)
+            self.settling[alive] = np.where(success, settled, np.inf)[alive]
         self.stability[alive] = np.minimum(self.stability, info["stability_margin"])[alive]
         self.wrench[alive] = np.minimum(self.wrench, info["wrench_margin"])[alive]
         if initial:

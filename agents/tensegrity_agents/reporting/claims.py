@@ -1,6 +1,6 @@
 """Claims that agents beat the analytic controllers: candidates are named first, then judged by fixed rules.
 
-A candidate is an environment at a level of uncertainty, and what counts there: success, or, in a fast task, the time to
+A candidate is an environment at a level of uncertainty, and what counts there: success, or, in dynamics, the time to
 settle (an episode in which the tip does not stay counts as long as the whole episode). A claim holds where
 
 - the paired difference of all seeds to the best controller that is told nothing hidden is above 0 at the level of 5%,
@@ -24,6 +24,7 @@ import numpy as np
 import yaml
 
 from tensegrity_agents.evaluation.records import Record
+from tensegrity_agents.evaluation.rollout import step_time
 from tensegrity_agents.evaluation.statistics import Estimate, resampled_means
 from tensegrity_agents.reporting.matrix import AGENT, ahead
 from tensegrity_agents.reporting.table import percent
@@ -130,9 +131,9 @@ def level_of(candidate: Candidate) -> str:
 
 
 def duration_of(env_id: str) -> float:
-    """Of an episode of a fast task [s]."""
+    """Of an episode of reaching in dynamics [s]."""
     env: Any = gym.make(env_id).unwrapped
-    return float((gym.spec(env_id).max_episode_steps or 0) * env.core.task.step_time)
+    return float((gym.spec(env_id).max_episode_steps or 0) * step_time(env.core))
 
 
 def judged(candidate: Candidate, records: Sequence[Record]) -> Claim | None:

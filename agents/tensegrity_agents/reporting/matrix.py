@@ -29,8 +29,8 @@ class Cell(NamedTuple):
         success: mean over runs and episodes, with its interval: Wilson for one run, else bootstrap over both.
         steps: median to the target; of several runs the median of theirs; NaN if never.
         knows: what it is told beside observations.
-        settling: of fast tasks, median time after which the tip stays on target, of the episodes in which it does [s];
-            of several runs the median of theirs; NaN if never.
+        settling: of reaching in dynamics, median time after which the tip stays on target, of the episodes in which it
+            does [s]; of several runs the median of theirs; NaN if never.
     """
 
     name: str

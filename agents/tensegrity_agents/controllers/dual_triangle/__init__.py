@@ -90,7 +90,15 @@ UNCERTAIN: Makers = {
         "identifying_observer": partial(IdentifyingObserver, wait=2, mean=8, enough=0.8, looks=12),
         "mpc": partial(MPC, beliefs=DualTriangleBeliefs),
     },
-    "DualTriangleLoadedReachMuJoCo": {"lqg": LoadedLQG},
+    "DualTriangleReachMuJoCo": {
+        "closed_form_plan": partial(FullSpeedPlan, base=ClosedFormSquares),
+        "lqr": partial(Regulated, base=Observer),
+        "lqg": partial(LQG, base=ClosedFormSquares, softness=0.3, smoothing=10),
+    },
+    "DualTriangleLoadedReachMuJoCo": {
+        "observer_plan": partial(FullSpeedPlan, base=Observer),
+        "lqg": partial(LoadedLQG, softness=1.0, smoothing=5, speed=1.0, look=1),
+    },
     "DualTriangleLoadedReachUncertainMuJoCo": {"lqg": LoadedLQG},
 }
 

@@ -48,10 +48,10 @@ class LoadedLQG(LQG):
     """
 
     tunable: ClassVar[dict[str, tuple[float, ...]]] = {
-        "softness": (1.0, 3.0, 10.0),
-        "smoothing": (5, 8, 12),
-        "speed": (0.3, 0.5, 0.8),
-        "look": (6, 12),
+        "softness": (0.3, 1.0, 3.0),
+        "smoothing": (3, 5, 8),
+        "speed": (0.5, 1.0),
+        "look": (1, 10),
     }
     again = 5  # steps
     narrow = 0.05

@@ -4,8 +4,10 @@ from functools import partial
 
 from tensegrity_agents.controllers.base import Makers
 from tensegrity_agents.controllers.dynamic import Feedback
+from tensegrity_agents.controllers.lqg import LQG
 from tensegrity_agents.controllers.n_x.dynamic import HeldRamp
 from tensegrity_agents.controllers.n_x.reach import CarefulOracle, ClosedFormIK, Observer, Oracle, PseudoInverse
+from tensegrity_agents.controllers.regulated import FullSpeedPlan, Regulated
 
 __all__ = ["BASELINES", "DYNAMIC", "TEACHERS", "CarefulOracle", "ClosedFormIK", "Observer", "Oracle", "PseudoInverse"]
 
@@ -19,11 +21,14 @@ BASELINES: Makers = {
     },
 }
 
-# The same of the dynamic environments: quasi-static controllers, led along ramps, shaped or damped.
+# The same of the dynamic environments: quasi-static controllers, led along ramps, at full speed, or damped.
 DYNAMIC: Makers = {
     "NXReach": {
         "closed_form_ramp": partial(HeldRamp, base=ClosedFormIK),
         "pseudo_inverse": partial(Feedback, base=PseudoInverse, slowed=0.1),
+        "closed_form_plan": partial(FullSpeedPlan, base=ClosedFormIK),
+        "lqr": partial(Regulated, base=ClosedFormIK, shaper=None, softness=10.0),
+        "lqg": partial(LQG, base=ClosedFormIK, softness=0.3, smoothing=10),
         "oracle": partial(HeldRamp, base=Oracle),
     },
 }

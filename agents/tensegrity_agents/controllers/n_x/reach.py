@@ -20,7 +20,7 @@ class NXArm:
     """What the controllers of the 2-X ask of its model, for n joints."""
 
     nominal: NX
-    clearance: float
+    clearance = 0.1  # [-] of straight paths, worth a longer one
     centring = 0.02  # share of the joint angles that the null space takes back in a step
 
     def configuration_of(self, observed: DecodedObservation, near: np.ndarray | None) -> np.ndarray:

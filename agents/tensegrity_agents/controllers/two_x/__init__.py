@@ -52,6 +52,7 @@ DYNAMIC: Makers = {
     "TwoXReach": {
         "closed_form_ramp": partial(Ramp, base=ClosedFormIK),
         "pseudo_inverse": partial(Feedback, base=PseudoInverse, slowed=0.1),
+        "closed_form_plan": partial(FullSpeedPlan, base=ClosedFormIK),
         "lqr": partial(Regulated, base=Observer, shaper=None, softness=10.0),
         "lqg": partial(LQG, base=ClosedFormIK),
         "oracle": partial(Ramp, base=Oracle),
