@@ -97,7 +97,7 @@ UNCERTAIN: Makers = {
     },
     "DualTriangleLoadedReachMuJoCo": {
         "observer_plan": partial(FullSpeedPlan, base=Observer),
-        "lqg": partial(LoadedLQG, softness=1.0, smoothing=5, speed=1.0, look=1),
+        "lqg": partial(LoadedLQG, softness=1.0, smoothing=5, speed=1.0, look=1),  # tuned (`tensegrity tune`)
     },
     "DualTriangleLoadedReachUncertainMuJoCo": {"lqg": LoadedLQG},
 }
