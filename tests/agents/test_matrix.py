@@ -113,6 +113,10 @@ def test_controllers_look_different():
     kinds = {f"c{k}": "baseline" for k in range(10)} | {"oracle": "oracle", "informed": "oracle", "a": "agent"}
     drawn = looks(kinds)
     assert len({look.colour for look in drawn.values()}) == len(kinds)
+    # Blue and indigo are hard to tell apart, so they have neither dashes nor markers in common.
+    blue, indigo = drawn["c0"], drawn["c5"]
+    assert blue.dashes != indigo.dashes
+    assert blue.marker != indigo.marker
 
 
 def test_the_table_names_seeds_verdicts_and_what_is_known():

@@ -145,7 +145,7 @@ def looks(kinds: Mapping[str, str]) -> dict[str, Look]:
     colours = {"agent": AGENTS, "baseline": BASELINES, "oracle": ORACLES}
     counts = dict.fromkeys(colours, 0)
     for i, (name, given) in enumerate(kinds.items()):
-        marker = _MARKERS[i % len(_MARKERS)]
+        marker = _turned(_MARKERS, i)
         if given == "random":
             found[name] = Look("#8b929b", (0, (4, 2)), 1.4, marker)
             continue
@@ -155,8 +155,13 @@ def looks(kinds: Mapping[str, str]) -> dict[str, Look]:
         if kind == "oracle":
             found[name] = Look(colour, (0, (1.2, 1.6 + 1.2 * k)), 1.6, marker)
         else:
-            found[name] = Look(colour, _DASHES[k % len(_DASHES)], 2.4 if kind == "agent" else 1.8, marker)
+            found[name] = Look(colour, _turned(_DASHES, k), 2.4 if kind == "agent" else 1.8, marker)
     return found
+
+
+def _turned(values: Sequence[Any], k: int) -> Any:
+    """The k-th of values that come again one place further on, so that what colours nearly share does not recur."""
+    return values[(k + k // len(values)) % len(values)]
 
 
 def length_unit(tolerance: float) -> tuple[str, float]:
