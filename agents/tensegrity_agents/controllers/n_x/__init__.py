@@ -28,7 +28,7 @@ DYNAMIC: Makers = {
         "pseudo_inverse": partial(Feedback, base=PseudoInverse, slowed=0.1),
         "closed_form_plan": partial(FullSpeedPlan, base=ClosedFormIK),
         "lqr": partial(Regulated, base=ClosedFormIK, shaper=None, softness=10.0),
-        "lqg": partial(LQG, base=ClosedFormIK, softness=0.3, smoothing=10),
+        "lqg": partial(LQG, base=ClosedFormIK, softness=0.3, smoothing=20),
         "oracle": partial(HeldRamp, base=Oracle),
     },
 }
