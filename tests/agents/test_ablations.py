@@ -1,12 +1,15 @@
 """Ablations: one thing is taken out at a time, their rows are kept apart, and the table holds them."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from tensegrity_agents.ablations import VARIANTS, variants_of
 from tensegrity_agents.command.program import app
 from tensegrity_agents.config import ConfigError, Experiment
-from tensegrity_agents.evaluation.records import read_records
+from tensegrity_agents.evaluation.records import Record, packed, packed_times, read_records
 from tensegrity_agents.reporting.ablations import WHOLE, ablations_to_markdown
 
 TRAIN = {
@@ -67,6 +70,21 @@ def test_of_an_agent_that_corrects_a_plan():
     shorter = variants_of(whole, 32)
     assert {one.train.total_timesteps for one in shorter.values()} == {32}
     assert shorter[WHOLE].train.gradient.timesteps == 32
+
+
+def test_the_table_tells_when_arms_in_dynamics_settle(tmp_path):
+    """In the mean; an episode in which the tip does not stay counts as long as the whole, 3 s."""
+    env, times = "tensegrity/TwoXFastReachMuJoCo-v0", np.array([0.5, 0.7, np.inf, 0.8])
+    kept = {"controller": "agent", "kind": "agent", "episodes": 4, "config": "", "frames": 1_000_000}
+    rows = [
+        Record(env, successes={"": packed(times < 1)}, seed=k, settling={"": packed_times(times + k / 10)}, **kept)
+        for k in (0, 1)
+    ]
+    for row in rows:
+        row.write(tmp_path / "no_plan" / "TwoXFastReachMuJoCo-v0" / f"agent-{row.seed}.json")
+    whole = [replace(row, settling={}) for row in rows]
+    lines = [line.split("|") for line in ablations_to_markdown(tmp_path, {env: whole}).splitlines()[2:]]
+    assert [(line[2].strip(), line[-2].strip()) for line in lines] == [("whole", "\N{EN DASH}"), ("no plan", "1.288")]
 
 
 @pytest.mark.full

@@ -1,9 +1,12 @@
-"""The table of ablations: success of each variant beside that of the whole method."""
+"""The table of ablations: success of each variant, in dynamics its time to settle, beside those of the whole method."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from tensegrity_agents.evaluation.records import Record, read_records
+from tensegrity_agents.reporting.claims import duration_of
 from tensegrity_agents.reporting.matrix import AGENT, cells_of
 from tensegrity_agents.reporting.table import percent
 
@@ -23,8 +26,8 @@ def ablations_to_markdown(folder: Path, whole: Mapping[str, Sequence[Record]]) -
     if not ids:
         return ""
     lines = [
-        "| environment | method | steps | success, mean over seeds [%] | seeds | worst seed [%] |",
-        "|---|---|---:|---:|---:|---:|",
+        "| environment | method | steps | success, mean over seeds [%] | seeds | worst seed [%] | settles after [s] |",
+        "|---|---|---:|---:|---:|---:|---:|",
     ]
     for env_id in ids:
         rows: dict[str, Sequence[Record]] = {WHOLE: whole.get(env_id, [])}
@@ -34,6 +37,14 @@ def ablations_to_markdown(folder: Path, whole: Mapping[str, Sequence[Record]]) -
             if cell is not None:
                 short, method = env_id.rpartition("/")[2], name.replace("_", " ")
                 steps = max(row.frames or 0 for row in group) / 1e6
-                scores = f"{cell.text} | {len(cell.flags)} | {percent(cell.worst)}"
+                scores = f"{cell.text} | {len(cell.flags)} | {percent(cell.worst)} | {_settling(group)}"
                 lines.append(f"| `{short}` | {method} | {steps:.1f} million | {scores} |")
     return "\n".join(lines) + "\n"
+
+
+def _settling(agents: Sequence[Record]) -> str:
+    """Mean time to settle over agents and episodes, as long as an episode where the tip does not stay."""
+    times = [own for record in agents if (own := record.settling_times()) is not None]
+    if len(times) < len(agents):
+        return "\N{EN DASH}"
+    return f"{np.minimum(times, duration_of(agents[0].env)).mean():.3f}"
