@@ -54,7 +54,7 @@ def matrix_figure(records: Mapping[str, Sequence[Record]]) -> Figure:
     axes.set_xlabel(
         "above: success [%] on the test episodes; framed: the best without hidden knowledge; blank: not there"
         + (f"; *: on the first {' or '.join(map(str, few))}" if few else "")
-        + "\nbelow: median steps to the target, in fast tasks seconds until the tip stays on it, where it gets there"
+        + "\nbelow: median steps to the target, in dynamics mostly seconds until the tip stays on it, where it does"
     )
     return figure
 
