@@ -78,7 +78,3 @@ class Observer(NXArm, two_x.Observer):
 
 class Oracle(NXArm, two_x.Oracle):
     """Is given the true payload; where no straight joint path is feasible, a sampling planner finds one around."""
-
-
-class CarefulOracle(NXArm, two_x.CarefulOracle):
-    """Prefers paths that keep off the edge of the feasible set: a teacher of those who cannot follow as exactly."""
