@@ -319,7 +319,7 @@ def _dynamic(core: Core, mechanism: Any, q: np.ndarray, u: np.ndarray, load: np.
             f"linearize: the posture is no equilibrium of the dynamics under these inputs and load: within a step it "
             f"moves by {drift:.3g} rad"
         )
-    motion, time = linear_motion(model, coordinates, actuation, force, "soft"), smooth.timestep * smooth.frame_skip
+    motion, time = linear_motion(model, coordinates, actuation, force, "soft"), smooth.step_time
     joints, m = len(coordinates), len(u)
     by_u = _slopes(lambda value: control.actuation(mechanism, _components(value)), u)
     # Ramped actuators have reached their commands at the end of a step; their controls are (command - reached) / time.

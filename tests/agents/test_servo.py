@@ -3,8 +3,10 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from baseline_runs import success_of
+from tensegrity_agents.command.program import app
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.controllers.resting import ends_of_plans
 from tensegrity_agents.evaluation.tuning import tune
@@ -94,6 +96,27 @@ def test_tuning_finds_the_best_of_the_grid(monkeypatch):
     assert tried[0].success > tried[1].success
     with pytest.raises(ValueError, match="nothing to tune"):
         tune("observer", PAYLOAD, 10)
+
+
+def test_an_interrupted_tuning_shows_the_best_so_far(monkeypatch):
+    from tensegrity_agents.controllers.two_x import Servo
+    from tensegrity_agents.evaluation import tuning
+
+    evaluated, evaluate = [], tuning.evaluate
+
+    def interrupted(controller, *rest, **options):
+        evaluated.append(controller.gain)
+        if len(evaluated) == 3:
+            raise KeyboardInterrupt
+        return evaluate(controller, *rest, **options)
+
+    monkeypatch.setattr(Servo, "tunable", {"gain": (5.0, 0.15, 1.0)})
+    monkeypatch.setattr(tuning, "evaluate", interrupted)
+    words = ["tune", PAYLOAD.partition("/")[2], "--controller", "servo", "--episodes", "20"]
+    shown = CliRunner().invoke(app, words)
+    assert shown.exit_code == 130
+    lines = [line for line in shown.output.splitlines() if "gain = " in line]
+    assert [line.split("gain = ")[1].strip() for line in lines] == ["0.15", "5"]
 
 
 def test_the_observer_of_the_dual_triangle_looks_before_it_plans():

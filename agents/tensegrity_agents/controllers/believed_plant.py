@@ -64,8 +64,7 @@ class BelievedPlant:
         if not dynamics.time_constant:
             return np.ones(len(estimates))
         factor = self.factors(estimates).get("bandwidth", np.ones(len(estimates)))
-        time = dynamics.timestep * dynamics.frame_skip
-        return np.asarray(1 - np.exp(-time * factor / dynamics.time_constant))
+        return np.asarray(1 - np.exp(-dynamics.step_time * factor / dynamics.time_constant))
 
     def models(self, estimates: np.ndarray) -> list[Any] | None:
         """MuJoCo's models of n arms, to within a hundredth of the prior's deviation; None if nothing is uncertain."""

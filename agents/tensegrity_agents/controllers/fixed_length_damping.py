@@ -90,8 +90,7 @@ class Damping:
         assert engine is not None
         self.enabled = enabled
         self.modes, self.model = modes, engine.model
-        dynamics = self.model.dynamics
-        self.time = dynamics.timestep * dynamics.frame_skip
+        self.time = self.model.dynamics.step_time
         self.damping = np.array(self.model.model.dof_damping).reshape(engine.joints, -1)[:, 0]
 
     def begin(self, lengths: np.ndarray) -> DampingMemory:

@@ -101,8 +101,7 @@ class LQG(FullSpeed[LQGMemory]):
         self.softness, self.smoothing, self.integral = softness, smoothing, integral
         self.plant = BelievedPlant(core)
         self.filter = ArmFilter(self.plant)
-        dynamics = self.model.dynamics
-        self.time = dynamics.timestep * dynamics.frame_skip
+        self.time = self.model.dynamics.step_time
         self.follows = float(self.plant.follows(np.zeros((1, len(self.plant.names))))[0])
         self.delays = delays_of(core)
 

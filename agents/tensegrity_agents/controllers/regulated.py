@@ -157,7 +157,7 @@ class Regulated(FullSpeed[RegulatedMemory]):
         super().__init__(core, base, "full speed, linear-quadratic regulator about the equilibria on the way")
         self.shaper, self.softness = shaper, softness
         dynamics = self.model.dynamics
-        self.time = dynamics.timestep * dynamics.frame_skip
+        self.time = dynamics.step_time
         self.follows = float(1 - np.exp(-self.time / dynamics.time_constant)) if dynamics.time_constant else 1.0
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> RegulatedMemory:

@@ -155,7 +155,7 @@ def evaluate(
 def step_time(core: Any) -> float:
     """Duration of a step [s] where arms reach in dynamics; elsewhere nobody asks when they settle, NaN."""
     own = core.dynamics
-    return own.timestep * own.frame_skip if own is not None and isinstance(core.task, Reach) else float("nan")
+    return float(own.step_time) if own is not None and isinstance(core.task, Reach) else float("nan")
 
 
 class _Record:

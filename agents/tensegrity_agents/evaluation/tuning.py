@@ -10,9 +10,6 @@ from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_envs.seeding import VALIDATION_SEED
 
-# progress(settings done, of how many, best success so far)
-Progress = Callable[[int, int, float], None]
-
 
 class Tried(NamedTuple):
     """Settings of a controller, and what it did with them.
@@ -26,6 +23,10 @@ class Tried(NamedTuple):
     settings: dict[str, float]
     success: float
     settling: float = 0.0
+
+
+# progress(what was tried so far, the best first, of how many)
+Progress = Callable[[list[Tried], int], None]
 
 
 def tune(
@@ -64,6 +65,7 @@ def tune(
         run = evaluate(controller, env_id, episodes, VALIDATION_SEED, name, env_options=dict(options or {}))
         settling = float(np.median(run.columns["settling_time_s"]))
         tried.append(Tried(settings, float(run.columns["success"].mean()), 0.0 if np.isnan(settling) else settling))
+        tried.sort(key=lambda one: (-one.success, one.settling))
         if progress is not None:
-            progress(len(tried), len(combinations), max(one.success for one in tried))
-    return sorted(tried, key=lambda one: (-one.success, one.settling))
+            progress(list(tried), len(combinations))
+    return tried

@@ -31,7 +31,7 @@ class FastCore(Core):
         if self.dynamics is None:
             raise ValueError("backend = 'quasi_static': a fast task needs backend = 'mujoco'")
         assert isinstance(self.task, FastReach)
-        self.task = replace(self.task, step_time=self.dynamics.timestep * self.dynamics.frame_skip)
+        self.task = replace(self.task, step_time=self.dynamics.step_time)
 
 
 class TwoXFastReach(FastCore, TwoXReach):

@@ -48,7 +48,7 @@ class SmoothDynamics:
         self.core, self.dynamics = core, dynamics
         self.control: Any = core.simulation.control
         self.substeps = substeps or dynamics.frame_skip
-        self.timestep = dynamics.timestep * dynamics.frame_skip / self.substeps
+        self.timestep = dynamics.step_time / self.substeps
         self._bodies = [_Rigid.of(body, linkage, dynamics, core.nominal) for body in linkage.bodies[1:]]
         parents = [linkage.bodies[body.parent].frame if body.parent else None for body in linkage.bodies[1:]]
         self._hinges = [(body.frame, parent) for body, parent in zip(linkage.bodies[1:], parents, strict=True)]

@@ -63,6 +63,11 @@ class Dynamics:
             raise ValueError(f'{name}.integrator = {self.integrator!r}: must be "implicitfast", "RK4" or "discrete"')
 
     @property
+    def step_time(self) -> float:
+        """Duration of one step of an environment [s]."""
+        return self.timestep * self.frame_skip
+
+    @property
     def time_constant(self) -> float:
         """Of the actuators [s]; 0 without lag."""
         return 1 / (2 * math.pi * self.actuator_bandwidth) if self.actuator_bandwidth else 0.0
