@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController
+from tensegrity_agents.controllers.planar_four_bar.corners import ByCorners
 from tensegrity_agents.controllers.planar_four_bar.measurements import (
     NOTICEABLE,
     configuration,
@@ -29,6 +30,7 @@ class Memory(NamedTuple):
     Attributes:
         path: actuator lengths to visit one after another, shape (n, LEGS, 2) [m].
         leg: which of them is next, shape (n,).
+        arrives: whether the latest action leads there, shape (n,).
         step: of the episode, shape (n,).
         information: see `measurements.with_posture`, (n, 2, 2).
         evidence: see `measurements.with_posture`, (n, 2) [N].
@@ -39,12 +41,18 @@ class Memory(NamedTuple):
 
     path: np.ndarray
     leg: np.ndarray
+    arrives: np.ndarray
     step: np.ndarray
     information: np.ndarray
     evidence: np.ndarray
     load: np.ndarray
     least: np.ndarray
     waited: np.ndarray
+
+
+def onward(memory: Memory) -> Memory:
+    """A corner that the controller's own action leads to counts as reached, where another action is taken."""
+    return memory._replace(leg=np.minimum(memory.leg + memory.arrives, LEGS - 1))
 
 
 class ReachController(AnalyticController[Memory]):
@@ -70,6 +78,7 @@ class ReachController(AnalyticController[Memory]):
         return Memory(
             np.repeat(observed.actuator_lengths[:, None], LEGS, axis=1),
             np.zeros(n, int),
+            np.zeros(n, bool),
             np.zeros(n, int),
             np.zeros((n, 2, 2)),
             np.zeros((n, 2)),
@@ -121,8 +130,8 @@ class ReachController(AnalyticController[Memory]):
             change = memory.path[rows, leg] - observed.actuator_lengths
             leg = np.where((np.abs(change).max(axis=1) < 1e-4 * self.rate) & (leg < LEGS - 1), leg + 1, leg)
         change = memory.path[rows, leg] - observed.actuator_lengths
-        share = np.maximum(np.abs(change).max(axis=1, keepdims=True) / self.rate, 1.0)
-        return change / share / self.rate, memory._replace(leg=leg)
+        steps = np.abs(change).max(axis=1, keepdims=True) / self.rate
+        return change / np.maximum(steps, 1.0) / self.rate, memory._replace(leg=leg, arrives=steps[:, 0] <= 1.0)
 
     def safest(self, observed: DecodedObservation, load: np.ndarray) -> np.ndarray:
         """Of small actions in eight directions the one after which the mechanism has the largest margin, (n, 2)."""
@@ -214,7 +223,7 @@ class PseudoInverse(ReachController):
         )
 
 
-class Observer(ReachController):
+class Observer(ReachController, ByCorners[Memory]):
     """Identifies the force on F from tip and lengths, and plans with it.
 
     One posture reveals the force across bar CF only. So the first step is a small one, the safest under what is known;
@@ -222,6 +231,19 @@ class Observer(ReachController):
     """
 
     knows = "the nominal design; identifies the force from tip and lengths, checks that the path is stable"
+    looks = 1
+
+    def course(self, observed: DecodedObservation, memory: Memory) -> tuple[Memory, np.ndarray, np.ndarray]:
+        """See `ByCorners.course`."""
+        return memory, observed.actuator_lengths, self.load(observed, memory)
+
+    def steps(self, memory: Memory) -> np.ndarray:
+        """See `ByCorners.steps`."""
+        return memory.step
+
+    def given(self, before: Memory, after: Memory, action: np.ndarray) -> Memory:
+        """See `Correctable.given`."""
+        return onward(after)
 
     def load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
         """See `ReachController.load`."""

@@ -32,7 +32,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController
+from tensegrity_agents.controllers.planar_four_bar.corners import ByCorners
 from tensegrity_agents.controllers.planar_four_bar.measurements import (
     configuration,
     force_across,
@@ -47,6 +47,7 @@ from tensegrity_agents.controllers.planar_four_bar.reach import (
     Observer,
     PseudoInverse,
     ReachController,
+    onward,
 )
 from tensegrity_envs.core import Core
 from tensegrity_envs.environments import PlanarFourBarReach
@@ -73,7 +74,7 @@ class ServoMemory(NamedTuple):
     waited: np.ndarray
 
 
-class OwnCommand(AnalyticController[ServoMemory]):
+class OwnCommand(ByCorners[ServoMemory]):
     """Follows a path by its own command. See the module.
 
     Args:
@@ -100,8 +101,24 @@ class OwnCommand(AnalyticController[ServoMemory]):
     def _act(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[np.ndarray, ServoMemory]:
         action, memory = self._move(observed, memory)
         action = np.clip(action, -1.0, 1.0)
-        inputs = np.clip(memory.inputs + self.rate * action, *self.planner.bounds)
-        return action, memory._replace(plan=memory.plan._replace(step=memory.plan.step + 1), inputs=inputs)
+        plan = memory.plan._replace(step=memory.plan.step + 1)
+        return action, memory._replace(plan=plan, inputs=self._driven(memory.inputs, action))
+
+    def given(self, before: ServoMemory, after: ServoMemory, action: np.ndarray) -> ServoMemory:
+        """See `Correctable.given`."""
+        return after._replace(plan=onward(after.plan), inputs=self._driven(before.inputs, action))
+
+    def course(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[Memory, np.ndarray, np.ndarray]:
+        """See `ByCorners.course`."""
+        return memory.plan, memory.inputs, self.planner.load(observed, memory.plan)
+
+    def steps(self, memory: ServoMemory) -> np.ndarray:
+        """See `ByCorners.steps`."""
+        return memory.plan.step
+
+    def _driven(self, inputs: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """The command after an action."""
+        return np.asarray(np.clip(inputs + self.rate * action, *self.planner.bounds))
 
     @abstractmethod
     def _move(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[np.ndarray, ServoMemory]:
@@ -166,7 +183,7 @@ class Replanning(OwnCommand):
             off > self.changed * float(self.nominal.largest_force),
         )
         again = np.isnan(off) | (wrong & (memory.waited >= self.wait))
-        again &= memory.plan.step >= self._looks
+        again &= memory.plan.step >= self.looks
         memory = self._replanned(here, memory, np.flatnonzero(again))
         action, memory = self._along(observed, memory)
         lost = np.flatnonzero(self._rests(memory) & (error > self.core.task.tolerance))
@@ -176,8 +193,6 @@ class Replanning(OwnCommand):
             ends[lost] = np.clip(memory.inputs[lost] + self.rate * action[lost], *self.planner.bounds)[:, None]
             memory = memory._replace(plan=memory.plan._replace(path=ends))
         return action, memory
-
-    _looks = 0  # first steps without a plan
 
     def _measured(self, observed: DecodedObservation, plan: Memory) -> Memory:
         """What is known of the force after a measurement; here always the same."""
@@ -206,7 +221,7 @@ class IdentifyingObserver(Replanning):
         "changed": (0.005, 0.01, 0.02),
         "enough": (0.2, 0.3, 0.5),
     }
-    _looks = 1
+    looks = 1
 
     def __init__(self, core: Core) -> None:
         super().__init__(core)
