@@ -7,6 +7,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from tensegrity_agents.controllers.made_for import check_made_for
+from tensegrity_agents.controllers.reminder import Reminder
 from tensegrity_envs.compiler.namespace import Components
 from tensegrity_envs.compiler.pytree import is_array, tree_leaves, tree_map
 from tensegrity_envs.core import Core
@@ -49,10 +50,13 @@ Makers = dict[str, dict[str, Callable[[Core], Any]]]
 
 
 def beginning(count: int, state: object, episode_start: object) -> np.ndarray:
-    """Which of `count` environments begin an episode, from the arguments of `predict`: all, if these do not say."""
-    if state is None or episode_start is None:
+    """Which of `count` environments begin an episode, from the arguments of `predict`.
+
+    As in Stable-Baselines3: without a state all, with a state those that `episode_start` says, by default none.
+    """
+    if state is None:
         return np.ones(count, bool)
-    return np.asarray(episode_start, bool)
+    return np.zeros(count, bool) if episode_start is None else np.asarray(episode_start, bool)
 
 
 def jacobian_at(mechanism: Any, q: Components) -> np.ndarray:
@@ -130,6 +134,7 @@ class AnalyticController(ABC, Generic[Memory]):
         self.core = core
         self.rate = core.simulation.rate
         self.privileged: Episode | None = None
+        self._reminder = Reminder(type(self).__name__)
         self._take(core.design)
 
     def check_environment(self, core: Core) -> None:
@@ -191,12 +196,13 @@ class AnalyticController(ABC, Generic[Memory]):
         Args:
             observation: arrays of shape (n, ...).
             state: the memory that the call before returned; None at first.
-            episode_start: which environments begin an episode, shape (n,); by default all.
+            episode_start: which environments begin an episode, shape (n,); by default none, but all without a state.
             deterministic: there is nothing random here.
 
         Returns:
             Shape (n, action size), within [-1, 1]; the memory.
         """
+        self._reminder(state)
         observed = self.decode(observation)
         begins = np.flatnonzero(beginning(len(observed), state, episode_start))
         memory = state

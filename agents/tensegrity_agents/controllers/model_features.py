@@ -56,7 +56,7 @@ class ModelFeatures:
         Args:
             observation: Dict of arrays.
             memory: that the call with the observations before has returned; None at first.
-            begins: which of them begin an episode, shape (n,); by default all.
+            begins: which of them begin an episode, shape (n,); by default none, but all without a memory.
 
         Returns:
             The observation, and what to remember: a NamedTuple of arrays (n, ...), or None.

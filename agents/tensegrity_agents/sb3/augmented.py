@@ -25,7 +25,7 @@ class Augmentation(Protocol):
         Args:
             observation: Dict of arrays.
             memory: of the step before; None at first.
-            begins: which of them begin an episode, shape (n,); by default all.
+            begins: which of them begin an episode, shape (n,); by default none, but all without a memory.
 
         Returns:
             The observation, and what to remember: a NamedTuple of arrays (n, ...), or None.

@@ -71,7 +71,7 @@ class Correction:
         Args:
             observation: Dict of arrays, whatever else was appended to it.
             memory: what `acted` returned; None at first.
-            begins: which of them begin an episode, shape (n,); by default all.
+            begins: which of them begin an episode, shape (n,); by default none, but all without a memory.
         """
         batch = as_batch(observation)
         n = len(batch["observation"])

@@ -71,7 +71,7 @@ class FeedbackCorrection:
         Args:
             observation: Dict of arrays, whatever else was appended to it.
             memory: what `acted` returned; None at first.
-            begins: which of them begin an episode, shape (n,); by default all.
+            begins: which of them begin an episode, shape (n,); by default none, but all without a memory.
         """
         batch = as_batch(observation)
         asked = self._asked(batch, None if memory is None else memory.after, begins)

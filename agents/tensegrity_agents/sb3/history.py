@@ -88,7 +88,7 @@ class History:
         Args:
             observation: Dict of arrays.
             memory: what `acted` returned with the action before; None at first.
-            begins: which of them begin an episode, shape (n,); by default all.
+            begins: which of them begin an episode, shape (n,); by default none, but all without a memory.
 
         Returns:
             The observation, and what to hand to `acted` with the action that follows.

@@ -33,6 +33,7 @@ import numpy as np
 import torch
 from torch.distributions import Distribution
 
+from tensegrity_agents.controllers.base import beginning
 from tensegrity_agents.extras import need
 from tensegrity_agents.sb3.errors import ExportError
 from tensegrity_agents.sb3.history import History, Past, remembered, with_action
@@ -223,7 +224,7 @@ class OnnxPolicy:
         """Actions for a batch of observations, and what is remembered."""
         n = len(observation["observation"])
         seen, of_features = observation, None
-        begins = np.ones(n, bool) if state is None or episode_start is None else np.asarray(episode_start, bool)
+        begins = beginning(n, state, episode_start)
         inputs = {name: np.asarray(observation[name], np.float32) for name in _GOALS}
         if self._features is not None:
             seen, of_features = self._features(observation, None if state is None else state[1], episode_start)

@@ -28,6 +28,7 @@ from stable_baselines3.td3.policies import MultiInputPolicy as TD3Policy
 from tensegrity_agents.controllers.corrected import controller_to_correct
 from tensegrity_agents.controllers.model_features import ModelFeatures
 from tensegrity_agents.controllers.regulated import FullSpeedPlan
+from tensegrity_agents.controllers.reminder import Reminder
 from tensegrity_agents.sb3.augmented import Augmentation
 from tensegrity_agents.sb3.correction import Correction
 from tensegrity_agents.sb3.features import GoalErrorExtractor
@@ -111,6 +112,7 @@ class TrainedPolicy:
         if description.get("corrects"):
             sees += f", and {self.corrected}, which it corrects"
         self.knows = f"{sees}; {_how_trained(description.get('train') or {})}"
+        self._reminder = Reminder(f"the policy of {str(description['env']).rpartition('/')[2]}")
 
     @property
     def corrected(self) -> str:
@@ -124,7 +126,20 @@ class TrainedPolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Actions for one observation or a batch, and what is remembered for the next."""
+        """Actions for one observation or a batch, and what is to be remembered.
+
+        Args:
+            observation: of the environment, as it is, arrays of shape (n, ...) or (...).
+            state: what the call before returned; None at first. An agent with a history, or one that corrects a
+                controller, knows nothing of its episode without.
+            episode_start: which environments begin an episode, shape (n,); by default none, but all without a state.
+            deterministic: the mean action, without noise.
+
+        Returns:
+            Shape (n, action size) or (action size,), within [-1, 1]; the state, None where nothing is remembered.
+        """
+        if self.augmentations or self.description["algorithm"] == "recurrent_ppo":
+            self._reminder(state)
         before, hidden = (None, None) if state is None else state
         if episode_start is not None:
             episode_start = np.reshape(episode_start, -1)  # one bool for one environment

@@ -1,0 +1,64 @@
+"""The policies that come with the package: what was recorded of them, and how they are called."""
+
+import warnings
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import tensegrity_envs
+from tensegrity_agents.controllers import make_controller
+from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.pretrained import FOLDER, load_pretrained, pretrained_ids
+from tensegrity_envs.seeding import TEST_SEED
+
+FAST, PAYLOAD = "tensegrity/DualTriangleFastReachMuJoCo-v0", "tensegrity/TwoXPayloadReachUncertain-v0"
+
+
+@pytest.mark.parametrize("env_id", pretrained_ids())
+def test_a_shipped_policy_does_what_was_recorded(env_id):
+    recorded = (FOLDER / env_id.rpartition("/")[2] / "test_successes.txt").read_text().strip()
+    found = evaluate(load_pretrained(env_id), env_id, 200, TEST_SEED, "policy").columns["success"]
+    differ = sum(bool(now) != (then == "1") for now, then in zip(found, recorded[:200], strict=True))
+    assert differ <= 2
+
+
+def test_policies_are_small_and_one_that_is_missing_is_named():
+    assert "tensegrity/TwoXReach-v0" in pretrained_ids()
+    assert sum(path.stat().st_size for path in FOLDER.rglob("*")) < 10e6
+    with pytest.raises(ValueError, match=r"there are policies for .* TwoXReach-v0"):
+        load_pretrained(next(env_id for env_id in tensegrity_envs.ENV_IDS if env_id not in pretrained_ids()))
+
+
+@pytest.mark.parametrize("env_id", pretrained_ids())
+def test_within_an_episode_a_policy_needs_its_state_alone(env_id):
+    """As recurrent policies of Stable-Baselines3 do: without `episode_start` none begins where there is a state."""
+    (policy, other), states, begins = (load_pretrained(env_id) for _ in range(2)), [None, None], np.ones(3, bool)
+    envs = gym.make_vec(env_id, 3, vectorization_mode="vector_entry_point")
+    seen, _ = envs.reset(seed=TEST_SEED)
+    for _ in range(4):
+        told, states[0] = policy.predict(seen, states[0], begins)
+        short, states[1] = other.predict(seen, states[1])
+        np.testing.assert_array_equal(short, told)
+        seen, _, terminated, truncated, _ = envs.step(told)
+        begins = terminated | truncated
+        assert not begins.any()
+    envs.close()
+
+
+@pytest.mark.parametrize(("env_id", "made"), [(FAST, load_pretrained), (PAYLOAD, partial(make_controller, "servo"))])
+def test_who_is_never_handed_its_state_back_says_so_once(env_id, made):
+    asked, envs = made(env_id), gym.make_vec(env_id, 2, vectorization_mode="vector_entry_point")
+    seen, _ = envs.reset(seed=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _, state = asked.predict(seen)  # an episode begins
+        asked.predict(seen, state)
+        asked.predict(seen)  # and another one
+    with pytest.warns(UserWarning, match="called twice without a state.*hand back the state"):
+        asked.predict(seen)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        asked.predict(seen)
+    envs.close()
