@@ -94,11 +94,10 @@ LoadRange = Annotated[
     ),
 ]
 Level = Annotated[
-    int | None,
+    str | None,
     typer.Option(
-        min=0,
-        max=3,
-        help="of uncertainty: 0 (the nominal arm) to 3",
+        help="of uncertainty: 0 (the nominal arm) to 3; several, such as 0,2, or drawn, all of them: each episode has "
+        "one of these",
         show_default="the environment's",
     ),
 ]
@@ -174,7 +173,7 @@ class EnvironmentOptions:
         if self.payload_range is not None:
             options["payload_range"] = env_options.parse_range(self.payload_range, "--payload-range")
         if self.level is not None:
-            options["level"] = self.level
+            options["level"] = env_options.parse_level(self.level, "--level")
         return options | self.others()
 
     def others(self) -> dict[str, Any]:

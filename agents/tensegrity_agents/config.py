@@ -242,7 +242,10 @@ class Experiment(_Strict):
     video_episode: int = Field(0, ge=0, description="which test episode the video shows")
     design: Any = Field(None, description="name of a published design, some fields, or a YAML file with fields")
     randomization: dict[str, Any] | None = Field(None, description="what differs between episodes, with its ranges")
-    level: int | None = Field(None, ge=0, description="of uncertainty, 0 to 3; see tensegrity_envs.uncertainty")
+    level: int | list[int] | Literal["drawn"] | None = Field(
+        None,
+        description="of uncertainty, 0 to 3, or several of which each episode has one; see tensegrity_envs.uncertainty",
+    )
     tolerance: float | None = Field(None, gt=0, description="distance from the target that counts as reached")
     load_range: list[float] | None = Field(None, description="of unknown loads at the tip, as the environment has it")
     payload_range: list[float] | None = Field(None, description="of unknown payloads [kg]")

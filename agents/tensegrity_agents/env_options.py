@@ -18,6 +18,7 @@ from tensegrity_envs.core import Core
 from tensegrity_envs.env import unwrapped
 from tensegrity_envs.mechanics.designs import PUBLISHED
 from tensegrity_envs.randomization import DrawnLevel
+from tensegrity_envs.uncertainty import DRAWN, LEVELS, checked_level
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -93,6 +94,22 @@ def parse_range(text: str, option: str) -> list[float]:
     except ValueError:
         raise ConfigError(f"{option} {text}: must be two numbers, such as 0,1") from None
     return checked_range([low, high], f"{option} {text}")
+
+
+def parse_level(text: str, option: str) -> int | list[int] | str:
+    """A level of uncertainty, several of them, "0,2", or "drawn".
+
+    Raises:
+        ConfigError: it is something else.
+    """
+    if text == DRAWN:
+        return text
+    try:
+        levels = [checked_level(int(part)) for part in text.strip("[]() ").split(",")]
+    except ValueError:
+        last = len(LEVELS) - 1
+        raise ConfigError(f"{option} {text}: must be from 0 to {last}, several such as 0,2, or drawn") from None
+    return levels[0] if len(levels) == 1 else levels
 
 
 def parse_others(texts: Iterable[str], option: str = "--option") -> dict[str, Any]:

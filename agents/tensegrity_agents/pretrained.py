@@ -33,11 +33,14 @@ def load_pretrained(env_id: str, options: Mapping[str, Any] | None = None) -> "T
         A policy with Stable-Baselines3's `predict`, for batches of the environment's observations.
 
     Raises:
+        TypeError: the id is no text.
         ValueError: there is none for this id, and the message says for which there are; or it does not fit the
             environment with these options.
     """
     from tensegrity_agents.sb3.policy_file import load_policy
 
+    if not isinstance(env_id, str):
+        raise TypeError(f"load_pretrained: env_id = {env_id!r}: must be an id, such as 'TwoXReach-v0'")
     short = env_id.rpartition("/")[2]
     name = f"tensegrity/{short}"
     if name not in pretrained_ids():

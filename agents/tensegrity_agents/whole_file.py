@@ -19,5 +19,9 @@ def written_whole(path: Path) -> Iterator[Path]:
     try:
         yield part
         os.replace(part, path)
+    except OSError as error:
+        if error.filename == str(part):  # of which nobody has heard
+            error.filename = str(path)
+        raise
     finally:
         part.unlink(missing_ok=True)

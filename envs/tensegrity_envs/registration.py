@@ -241,6 +241,12 @@ _SHELLS = {
 ENV_IDS = tuple(entry.id for entry in ENTRIES)
 
 
+def full_id(name: str) -> str:
+    """The id of an environment of this package, with or without its namespace; other names stay what they are."""
+    full = f"tensegrity/{name}"
+    return full if full in ENV_IDS else name
+
+
 def register_all() -> None:
     """Register every environment with Gymnasium, once."""
     for entry in ENTRIES:

@@ -9,7 +9,7 @@ import pytest
 
 import tensegrity_envs
 from tensegrity_agents.controllers import make_controller
-from tensegrity_agents.evaluation.rollout import evaluate
+from tensegrity_agents.evaluation.rollout import ControllerError, evaluate
 from tensegrity_agents.pretrained import FOLDER, load_pretrained, pretrained_ids
 from tensegrity_envs.seeding import TEST_SEED
 
@@ -62,3 +62,21 @@ def test_who_is_never_handed_its_state_back_says_so_once(env_id, made):
         warnings.simplefilter("error")
         asked.predict(seen)
     envs.close()
+
+
+def test_short_ids_and_what_is_no_number_of_episodes():
+    planner = make_controller("closed_form_ik", "TwoXReach-v0")
+    assert evaluate(planner, "TwoXReach-v0", 3, TEST_SEED, "planner").columns["success"].all()
+    for wrong in (0, 2.5, True):
+        with pytest.raises(ValueError, match=f"episodes = {wrong}: must be a whole number, 1 or more"):
+            evaluate(planner, "TwoXReach-v0", wrong, TEST_SEED, "planner")
+
+
+def test_a_policy_of_another_environment_and_another_observation_are_refused():
+    policy = load_pretrained("TwoXReach-v0")
+    with pytest.raises(ControllerError, match=r"trained on tensegrity/TwoXReach-v0: \d+ observed numbers, 2 actions;"):
+        evaluate(policy, "DualTriangleReach-v0", 3, TEST_SEED, "policy")
+    with pytest.raises(TypeError, match="observation is ndarray: must be the environment's, a Dict"):
+        policy.predict(np.zeros(16))
+    with pytest.raises(TypeError, match="env_id = 5: must be an id"):
+        load_pretrained(5)

@@ -13,6 +13,7 @@ from tensegrity_agents.controllers.random import RandomController
 from tensegrity_agents.own_modules import own_module
 from tensegrity_envs.core import Core
 from tensegrity_envs.env import unwrapped
+from tensegrity_envs.registration import full_id
 
 __all__ = ["BASELINES", "DYNAMIC", "arm_of", "baselines_of", "make_controller", "register_baselines", "teachers_of"]
 
@@ -50,7 +51,7 @@ def teachers_of(env_id: str, options: Mapping[str, Any] | None = None) -> dict[s
 
 def arm_of(env_id: str, options: Mapping[str, Any] | None = None) -> Any:
     """An environment's arm, by its name or as a class: that of its id, unless its options say another."""
-    return (options or {}).get("arm") or gym.spec(env_id).kwargs["arm"]
+    return (options or {}).get("arm") or gym.spec(full_id(env_id)).kwargs["arm"]
 
 
 def baselines_of(env_id: str, options: Mapping[str, Any] | None = None) -> dict[str, Callable[[Core], Any]]:
@@ -60,6 +61,7 @@ def baselines_of(env_id: str, options: Mapping[str, Any] | None = None) -> dict[
         env_id: Gymnasium id.
         options: of that environment; with another `arm` or `backend` it has the baselines of these.
     """
+    env_id = full_id(env_id)
     kwargs = gym.spec(env_id).kwargs
     backends = [given.get("backend", "quasi_static") for given in (kwargs, {**kwargs, **(options or {})})]
     table = DYNAMIC if backends[1] == "mujoco" else BASELINES
@@ -96,12 +98,13 @@ def make_controller(name: str, env_id: str, options: Mapping[str, Any] | None = 
     Args:
         name: one of `baselines_of(env_id, options)`, or "module:Class"; the module is looked up on the path and in the
             working directory, the class is called without arguments.
-        env_id: Gymnasium id of the environment that it will control.
+        env_id: Gymnasium id of the environment that it will control, with or without "tensegrity/".
         options: of that environment.
 
     Raises:
         ValueError: there is no such controller, or it cannot be made; the message says what there is.
     """
+    env_id = full_id(env_id)
     baselines = baselines_of(env_id, options)
     if name in baselines:
         env = unwrapped(gym.make(env_id, **(options or {})))

@@ -14,6 +14,7 @@ from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.results import Run
 from tensegrity_envs import termination_reason
 from tensegrity_envs.core import Core
+from tensegrity_envs.registration import full_id
 from tensegrity_envs.tasks.reach import Reach
 from tensegrity_envs.vector_env import step_info
 
@@ -86,7 +87,7 @@ def evaluate(
 
     Args:
         controller: see `controllers.base.Controller`.
-        env_id: Gymnasium id.
+        env_id: Gymnasium id, with or without "tensegrity/".
         episodes: how many; each has a seed of its own, so every controller meets the same ones.
         first_seed: for published numbers `tensegrity_envs.seeding.TEST_SEED`.
         name: for the table.
@@ -100,8 +101,11 @@ def evaluate(
     Raises:
         ControllerError: it was made for another environment, `predict` or `begin_episodes` raised an error, or the
             actions do not fit.
+        ValueError: `episodes` is no positive whole number.
     """
-    parts = []
+    if isinstance(episodes, bool) or not isinstance(episodes, int | np.integer) or episodes < 1:
+        raise ValueError(f"evaluate: episodes = {episodes!r}: must be a whole number, 1 or more")
+    env_id, parts = full_id(env_id), []
     actions_given, seconds = 0, 0.0
     limit = gym.spec(env_id).max_episode_steps or 100
     for first in range(0, episodes, batch):

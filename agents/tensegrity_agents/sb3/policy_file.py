@@ -36,6 +36,7 @@ from tensegrity_agents.sb3.feedback_correction import FeedbackCorrection
 from tensegrity_agents.sb3.flat import Flattening
 from tensegrity_agents.sb3.history import History
 from tensegrity_agents.whole_file import written_whole
+from tensegrity_envs.core import Core
 
 FORMAT = 1
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
@@ -123,6 +124,21 @@ class TrainedPolicy:
         has_plan = any(isinstance(one, Correction) for one in self.augmentations)
         return f"the plan of {name}" if has_plan else f"what {name} says, a controller with feedback"
 
+    def check_environment(self, core: Core) -> None:
+        """Refuse an environment with other observations or actions than that of the training.
+
+        Raises:
+            ValueError: they have other sizes; the message names both.
+        """
+        shapes = self.description.get("observation_shapes")
+        if shapes is None:  # it was just trained, not loaded
+            return
+        sizes = [(*shapes["observation"], self.description["action_size"])]
+        sizes.append((core.schema.size, core.simulation.action_size))
+        own, here = (f"{seen} observed numbers, {actions} actions" for seen, actions in sizes)
+        if own != here:
+            raise ValueError(f"made for another environment: trained on {self.description['env']}: {own}; here: {here}")
+
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
@@ -137,7 +153,15 @@ class TrainedPolicy:
 
         Returns:
             Shape (n, action size) or (action size,), within [-1, 1]; the state, None where nothing is remembered.
+
+        Raises:
+            TypeError: the observation is no Dict.
         """
+        if not hasattr(observation, "keys"):
+            raise TypeError(
+                f"predict: the observation is {type(observation).__name__}: must be the environment's, a Dict with "
+                "observation, achieved_goal and desired_goal"
+            )
         if self.augmentations or self.description["algorithm"] == "recurrent_ppo":
             self._reminder(state)
         before, hidden = (None, None) if state is None else state
