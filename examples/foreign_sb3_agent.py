@@ -63,9 +63,14 @@ def main(arguments=None):
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--episodes", type=int, default=200)
     given = parser.parse_args(arguments)
-    model, normalizer = train(given.steps)
+    print(f"training on {given.steps:,} steps, about a minute for every 10,000")
+    try:
+        model, normalizer = train(given.steps)
+    except KeyboardInterrupt:
+        raise SystemExit("interrupted: nothing was kept") from None
+    print("scoring it")
     agent = Flat(model, normalizer, gym.make(ENV).observation_space)
-    runs = [evaluate(agent, ENV, given.episodes, TEST_SEED, "my PPO agent", "agent")]
+    runs = [evaluate(agent, ENV, given.episodes, TEST_SEED, "plain PPO agent", "agent")]
     for name in ("closed_form_ik", "random"):
         runs.append(evaluate(make_controller(name, ENV), ENV, given.episodes, TEST_SEED, name, kind_of(name)))
     rows = summary_rows(runs)

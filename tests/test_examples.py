@@ -16,9 +16,9 @@ def rows_of(name, *arguments):
 
 def test_a_foreign_agent_is_scored(capsys):
     rows = rows_of("foreign_sb3_agent.py", "--steps", "2048", "--episodes", "20")
-    assert list(rows) == ["my PPO agent", "closed_form_ik", "random"]
-    assert rows["my PPO agent"]["kind"] == "agent" and rows["closed_form_ik"]["success"] == 1.0
-    assert "my PPO agent" in capsys.readouterr().out
+    assert list(rows) == ["plain PPO agent", "closed_form_ik", "random"]
+    assert rows["plain PPO agent"]["kind"] == "agent" and rows["closed_form_ik"]["success"] == 1.0
+    assert "plain PPO agent" in capsys.readouterr().out
 
 
 def test_a_client_of_vectors_is_scored():

@@ -293,7 +293,7 @@ class Experiment(_Strict):
     @classmethod
     def _usable_seeds(cls, value: list[int]) -> list[int]:
         if len(set(value)) != len(value) or min(value) < 0 or max(value) >= 900:
-            raise ValueError(f"seeds {value}: must be different numbers from 0 to 899")
+            raise ValueError(f"{value}: must be different numbers from 0 to 899")
         return value
 
     @model_validator(mode="after")

@@ -249,6 +249,8 @@ def test_best_baseline_is_the_quicker_of_equals():
     runs = [made_up("slow", "baseline", steps_to_target=30), made_up("quick", "baseline"), made_up("o", "oracle", 100)]
     assert table.best_baseline(table.summary_rows(runs))["controller"] == "quick"
     assert table.best_baseline(table.summary_rows([made_up()])) is None
+    exact = [made_up(name, "baseline", 100, final_error_m=error) for name, error in (("a", 1e-9), ("b", 1e-12))]
+    assert table.best_baseline(table.summary_rows(exact))["controller"] == "a"  # the first of equals
 
 
 # ---------------------------------------------------------------------------------------------------------- figures

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from tensegrity_agents.command_options import EnvironmentChoice, EnvironmentOptions, Json, with_option_groups
+from tensegrity_agents.config import ConfigError
 from tensegrity_agents.console import (
     checked_file,
     clear_errors,
@@ -15,7 +16,7 @@ from tensegrity_agents.console import (
     say,
     tell_json,
 )
-from tensegrity_agents.pretrained import pretrained_ids
+from tensegrity_agents.pretrained import AGENT, pretrained_ids
 from tensegrity_agents.reporting.table import print_table, summary_rows
 
 _SAME_ARM = {"level", "randomization", "tolerance"}  # options with which a shipped policy still fits
@@ -56,6 +57,9 @@ def main(
         env_id = chosen.named("TwoXReach-v0")
         if csv is not None:
             checked_file(csv, "--csv")
+        for folder in policy or []:
+            if str(folder) == AGENT and not folder.exists():
+                raise ConfigError(f"--policy {folder}: no such folder; --controller {AGENT} is the shipped policy")
         given = options.checked(env_id)
         with progress_bar() as progress:
             runs = evaluate_named(

@@ -149,8 +149,13 @@ def best_agent(rows: list[Row]) -> Row | None:
 
 
 def best_baseline(rows: list[Row]) -> Row | None:
-    """The baseline with the highest success rate, of equals the quicker one; oracles and random policies are none."""
+    """The baseline with the highest success rate, of equals the quicker one, of equally quick ones the first; oracles
+    and random policies are none.
+    """
     return _best([row for row in rows if row["kind"] not in ("agent", "oracle", "random")])
+
+
+_EXACT = 0.01  # mm: a smaller error is none
 
 
 def _best(rows: list[Row]) -> Row | None:
@@ -160,7 +165,7 @@ def _best(rows: list[Row]) -> Row | None:
             row["success"],
             0.0 if math.isnan(score) else score,
             -(math.inf if math.isnan(steps) else steps),
-            -row["error_p95_mm"],
+            -max(row["error_p95_mm"], _EXACT),
         )
 
     return max(rows, key=rank, default=None)
