@@ -107,6 +107,11 @@ def test_a_cell_says_how_long_it_takes():
     assert cells_of(agents(0.9))[AGENT].time_text == "12"
     never = replace(row("servo", 0.0), steps_to_target=None)
     assert cells_of([never])["servo"].time_text == "\N{EN DASH}"
+    # beside agents that were measured in steps alone, steps
+    servo = replace(row("servo", 0.9), settling={"": packed_times(times)})
+    line_of = {True: "0.70 s, 0.70 s", False: "12, 12"}
+    for group, timed in ((fast, True), (agents(0.9), False)):
+        assert line_of[timed] in matrix_to_markdown({"tensegrity/MastReach-v0": [*group, servo]})
 
 
 def test_controllers_look_different():

@@ -208,8 +208,16 @@ def _line(env_id: str, cells: Mapping[str, Cell]) -> list[str]:
         _NONE if by is None else f"{100 * by.point:+.1f} [{100 * by.low:+.1f}, {100 * by.high:+.1f}]",
         verdict_of(cells),
         better,
-        ", ".join(_NONE if cell is None else cell.time_text for cell in (agent, best)),
+        _times(agent, best),
     ]
+
+
+def _times(*cells: Cell | None) -> str:
+    """Times to settle, or steps to the target where one of them was measured before times to settle were."""
+    there = [cell for cell in cells if cell is not None]
+    in_steps = any(math.isnan(cell.settling) for cell in there)
+    texts = {cell.name: steps_text(cell.steps) if in_steps else cell.time_text for cell in there}
+    return ", ".join(_NONE if cell is None else texts[cell.name] for cell in cells)
 
 
 def _shortened(cell: Cell, cells: Mapping[str, Cell]) -> str:
