@@ -33,7 +33,7 @@ def compile_all(ids: Iterable[str] | None = None, progress: Callable[[str], None
     for k, env_id in enumerate(wanted, 1):
         progress(f"{k} of {len(wanted)}: {env_id}")
         for reward_type in ("dense", "sparse"):
-            env = gym.make(env_id, reward_type=reward_type, disable_env_checker=True)
+            env = gym.make(env_id, reward_type=reward_type)
             observation, info = env.reset(seed=0)
             env.step(np.zeros(env.action_space.shape, np.float32))
             unwrapped(env).compute_reward(observation["achieved_goal"], observation["desired_goal"], info)

@@ -82,6 +82,22 @@ def test_stable_baselines_checker_has_nothing_to_say(env_id):
 
 
 @every_id
+def test_after_what_was_refused_an_episode_begins_and_goes_on(env_id):
+    """Gymnasium 1.4's own checker would let no step pass (findings/gymnasium_checker_after_failed_reset.sh)."""
+    env, twin = make(env_id), kept(env_id)
+    action = np.full(env.action_space.shape, 0.25, np.float32)
+    for refused in ({"seed": -1}, {"seed": 0, "options": {"no such option": 1}}):
+        with pytest.raises(ValueError, match=r"must be|there are"):
+            env.reset(**refused)
+    with pytest.raises(ValueError, match="must be finite"):
+        env.reset(seed=3)
+        env.step(np.full_like(action, np.nan))
+    twin.reset(seed=3)
+    for _ in range(2):
+        np.testing.assert_array_equal(env.step(action)[0]["observation"], twin.step(action)[0]["observation"])
+
+
+@every_id
 def test_making_by_module_prefix_needs_no_import(env_id):
     assert gym.make(f"tensegrity_envs:{env_id}").spec.max_episode_steps == make(env_id).spec.max_episode_steps
 

@@ -23,7 +23,7 @@ def described(env_id: str, summary: str) -> dict[str, Any]:
     action: list[int] = []
     needs = ""
     try:
-        env = gym.make(env_id, disable_env_checker=True)
+        env = gym.make(env_id)
     except ImportError as error:
         needs = str(error)
     else:
@@ -44,7 +44,7 @@ def described(env_id: str, summary: str) -> dict[str, Any]:
 
 def detailed(row: dict[str, Any]) -> dict[str, Any]:
     """The same, and what the numbers mean, for one environment whose packages are there."""
-    core = unwrapped(gym.make(row["id"], disable_env_checker=True)).core
+    core = unwrapped(gym.make(row["id"])).core
     simulation, schema = core.simulation, core.schema
     moved = "joint angles" if core.control == "joint" else schema.fields[core.input_name].meaning
     return row | {
