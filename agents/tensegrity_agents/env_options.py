@@ -17,7 +17,7 @@ from tensegrity_agents.yaml_file import ConfigError, parse_yaml, read_yaml
 from tensegrity_envs.core import Core
 from tensegrity_envs.env import unwrapped
 from tensegrity_envs.mechanics.designs import PUBLISHED
-from tensegrity_envs.randomization import DrawnLevel
+from tensegrity_envs.randomization import DrawnLevel, Randomization
 from tensegrity_envs.uncertainty import DRAWN, LEVELS, checked_level
 
 if TYPE_CHECKING:
@@ -188,11 +188,14 @@ def canonical(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
         }
     if core.randomization != usual.randomization:
         ranges = core.randomization
-        result["randomization"] = {name: _plain(getattr(ranges, name)) for name in ranges.names}
+        names: Iterable[str] = ranges.names
         if usual.randomization.names:  # of the level that the id has; without it, the ranges are all there is
             result["level"] = 0
-        if isinstance(ranges, DrawnLevel):
+        if isinstance(ranges, DrawnLevel):  # each level has ranges of its own, but for those that were given for all
             result["level"] = list(ranges.levels)
+            given = Randomization.given(options.get("randomization"), core.randomizable, env_id)
+            names = [name for name in given.names if _overrides(env_id, options, name, ranges)]
+        result["randomization"] = {name: _plain(getattr(ranges, name)) for name in names}
     if "tolerance" in options:
         scaled = check_options(env_id, {key: value for key, value in options.items() if key != "tolerance"})
         if core.task.tolerance != scaled.task.tolerance:
@@ -203,6 +206,14 @@ def canonical(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
     others = {name: value for name, value in options.items() if name not in NAMES}
     result |= json.loads(json.dumps(others, default=_plain))
     return result
+
+
+def _overrides(env_id: str, options: Mapping[str, Any], name: str, ranges: Randomization) -> bool:
+    """Whether a range that was given for all levels is not what they have without it."""
+    given = options["randomization"]
+    fields = given if isinstance(given, Mapping) else {key: getattr(given, key) for key in given.names}
+    others = {key: value for key, value in fields.items() if key != name}
+    return bool(check_options(env_id, {**options, "randomization": others}).randomization != ranges)
 
 
 def short_name(env_id: str) -> str:

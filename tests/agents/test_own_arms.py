@@ -9,7 +9,7 @@ import pytest
 from tensegrity_agents import env_options
 from tensegrity_agents.config import ConfigError, Experiment, load_experiment
 from tensegrity_agents.controllers import make_controller
-from tensegrity_agents.env_options import canonical, explain, parse_design, results_name
+from tensegrity_agents.env_options import canonical, check_options, explain, parse_design, results_name
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.evaluation.transfer import pair_of, transfer
 from tensegrity_agents.experiment import candidates, evaluate_all, train_agents
@@ -52,6 +52,24 @@ def test_spellings_of_a_design(tmp_path):
 def test_a_design_that_cannot_be_read_says_what_works(text):
     with pytest.raises(ConfigError, match=f"{text}: .*(--design takes a published design|is given twice)"):
         parse_design(text)
+
+
+def test_levels_of_which_each_episode_has_one_keep_their_ranges():
+    """What was given for all of them is told beside their numbers, so that each folder is of one environment."""
+    arm, noise = "tensegrity/TwoXPayloadReachUncertain-v0", {"tip_noise": 0.001}
+    of_both = check_options(arm, {"level": 2}).randomization.stiffness
+    options = [
+        {"level": [0, 2]},
+        {"level": [0, 2], "randomization": noise},
+        {"level": [0, 2], "randomization": noise | {"stiffness": of_both}},
+        {"level": [0, 2], "randomization": {"stiffness": of_both}},
+        {"level": [0, 1, 2, 3]},
+    ]
+    for given in options:
+        assert check_options(arm, canonical(arm, given)).randomization == check_options(arm, given).randomization
+    assert len({results_name(arm, given) for given in options}) == len(options)
+    assert results_name(arm, {"level": "drawn"}) == results_name(arm, options[-1])
+    assert results_name(arm, {"level": [0, 2], "randomization": {}}) == results_name(arm, options[0])
 
 
 def test_options_that_change_nothing_leave_the_results_folder_as_it_is():

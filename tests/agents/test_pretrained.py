@@ -53,14 +53,17 @@ def test_who_is_never_handed_its_state_back_says_so_once(env_id, made):
     seen, _ = envs.reset(seed=0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        _, state = asked.predict(seen)  # an episode begins
+        for _ in range(7):  # as many episodes begin
+            _, state = asked.predict(seen)
         asked.predict(seen, state)
-        asked.predict(seen)  # and another one
-    with pytest.warns(UserWarning, match="called twice without a state.*hand back the state"):
+        for _ in range(7):
+            asked.predict(seen)
+    with pytest.warns(UserWarning, match="called 8 times in a row without a state.*hand back the state"):
         asked.predict(seen)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        asked.predict(seen)
+        for _ in range(10):
+            asked.predict(seen)
     envs.close()
 
 

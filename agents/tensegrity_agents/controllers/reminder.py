@@ -2,11 +2,13 @@
 
 import warnings
 
+_MANY = 8  # calls in a row; fewer may be the beginnings of as many episodes
+
 
 class Reminder:
-    """Warns once where two calls in a row have no state.
+    """Warns once where many calls in a row have no state.
 
-    One without is the beginning of an episode; two are most often a loop that has forgotten it, in which every step
+    One without is the beginning of an episode; many are most often a loop that has forgotten it, in which every step
     begins an episode anew: plans are made again, and nothing is learned about a hidden load.
 
     Args:
@@ -14,14 +16,16 @@ class Reminder:
     """
 
     def __init__(self, what: str) -> None:
-        self.what, self.without = what, 0
+        self.what, self.without, self.has_warned = what, 0, False
 
     def __call__(self, state: object) -> None:
         """Take note of a call with this state."""
         self.without = self.without + 1 if state is None else 0
-        if self.without == 2:
+        if self.without == _MANY and not self.has_warned:
+            self.has_warned = True
             warnings.warn(
-                f"{self.what} was called twice without a state, and begins an episode in each call. Within an episode, "
-                "hand back the state that it returned: actions, state = predict(observation, state, episode_start)",
+                f"{self.what} was called {_MANY} times in a row without a state, and begins an episode in each call. "
+                "Within an episode, hand back the state that it returned: "
+                "actions, state = predict(observation, state, episode_start)",
                 stacklevel=3,
             )

@@ -137,7 +137,7 @@ class Descent:
         self.settings, self.model, self.env, self.seed = settings, model, env, seed
         levels = experiment.train.levels
         drawn: dict[str, Any] = {} if levels is None else {"level": levels}
-        core = unwrapped(gym.make(experiment.env, **experiment.training_options, **drawn)).core
+        core = unwrapped(gym.make(experiment.env, **(experiment.training_options | drawn))).core
         self.episodes = SmoothEpisodes(core, settings.num_envs, settings.substeps, settings.most_sensitive)
         self.tolerance = float(core.task.tolerance)
         described = {"env": experiment.env, "options": experiment.options, **experiment.train.model_dump(mode="json")}

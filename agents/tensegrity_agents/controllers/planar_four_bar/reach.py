@@ -23,6 +23,8 @@ from tensegrity_agents.controllers.planar_four_bar.planning import LEGS, plan, t
 from tensegrity_envs.mechanics.planar_four_bar import PlanarFourBar, PlanarFourBarDesign
 from tensegrity_envs.observation import DecodedObservation
 
+_SAME = 1e-6  # actions that differ by less are one
+
 
 class Memory(NamedTuple):
     """What a controller carries from step to step, for n environments.
@@ -30,7 +32,8 @@ class Memory(NamedTuple):
     Attributes:
         path: actuator lengths to visit one after another, shape (n, LEGS, 2) [m].
         leg: which of them is next, shape (n,).
-        arrives: whether the latest action leads there, shape (n,).
+        action: the controller's own latest one, shape (n, 2).
+        arrives: whether that leads there, shape (n,).
         step: of the episode, shape (n,).
         information: see `measurements.with_posture`, (n, 2, 2).
         evidence: see `measurements.with_posture`, (n, 2) [N].
@@ -41,6 +44,7 @@ class Memory(NamedTuple):
 
     path: np.ndarray
     leg: np.ndarray
+    action: np.ndarray
     arrives: np.ndarray
     step: np.ndarray
     information: np.ndarray
@@ -50,9 +54,10 @@ class Memory(NamedTuple):
     waited: np.ndarray
 
 
-def onward(memory: Memory) -> Memory:
+def onward(memory: Memory, action: np.ndarray) -> Memory:
     """A corner that the controller's own action leads to counts as reached, where another action is taken."""
-    return memory._replace(leg=np.minimum(memory.leg + memory.arrives, LEGS - 1))
+    differs = np.abs(action - memory.action).max(axis=1) > _SAME
+    return memory._replace(leg=np.minimum(memory.leg + (memory.arrives & differs), LEGS - 1))
 
 
 class ReachController(AnalyticController[Memory]):
@@ -78,6 +83,7 @@ class ReachController(AnalyticController[Memory]):
         return Memory(
             np.repeat(observed.actuator_lengths[:, None], LEGS, axis=1),
             np.zeros(n, int),
+            np.zeros((n, 2)),
             np.zeros(n, bool),
             np.zeros(n, int),
             np.zeros((n, 2, 2)),
@@ -131,7 +137,8 @@ class ReachController(AnalyticController[Memory]):
             leg = np.where((np.abs(change).max(axis=1) < 1e-4 * self.rate) & (leg < LEGS - 1), leg + 1, leg)
         change = memory.path[rows, leg] - observed.actuator_lengths
         steps = np.abs(change).max(axis=1, keepdims=True) / self.rate
-        return change / np.maximum(steps, 1.0) / self.rate, memory._replace(leg=leg, arrives=steps[:, 0] <= 1.0)
+        action = change / np.maximum(steps, 1.0) / self.rate
+        return action, memory._replace(leg=leg, action=action, arrives=steps[:, 0] <= 1.0)
 
     def safest(self, observed: DecodedObservation, load: np.ndarray) -> np.ndarray:
         """Of small actions in eight directions the one after which the mechanism has the largest margin, (n, 2)."""
@@ -243,7 +250,7 @@ class Observer(ReachController, ByCorners[Memory]):
 
     def given(self, before: Memory, after: Memory, action: np.ndarray) -> Memory:
         """See `Correctable.given`."""
-        return onward(after)
+        return onward(after, action)
 
     def load(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
         """See `ReachController.load`."""

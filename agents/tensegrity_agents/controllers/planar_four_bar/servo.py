@@ -106,7 +106,7 @@ class OwnCommand(ByCorners[ServoMemory]):
 
     def given(self, before: ServoMemory, after: ServoMemory, action: np.ndarray) -> ServoMemory:
         """See `Correctable.given`."""
-        return after._replace(plan=onward(after.plan), inputs=self._driven(before.inputs, action))
+        return after._replace(plan=onward(after.plan, action), inputs=self._driven(before.inputs, action))
 
     def course(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[Memory, np.ndarray, np.ndarray]:
         """See `ByCorners.course`."""
