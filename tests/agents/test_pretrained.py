@@ -77,8 +77,11 @@ def test_short_ids_and_what_is_no_number_of_episodes():
 
 def test_a_policy_of_another_environment_and_another_observation_are_refused():
     policy = load_pretrained("TwoXReach-v0")
-    with pytest.raises(ControllerError, match=r"trained on tensegrity/TwoXReach-v0: \d+ observed numbers, 2 actions;"):
+    with pytest.raises(ControllerError, match=r"made for another environment: .*; here: DualTriangle"):
         evaluate(policy, "DualTriangleReach-v0", 3, TEST_SEED, "policy")
+    three = load_pretrained("ThreeXReach-v0")  # of the same sizes
+    with pytest.raises(ControllerError, match="made for another environment"):
+        evaluate(three, "DualTriangleReachMuJoCo-v0", 3, TEST_SEED, "policy")
     with pytest.raises(TypeError, match="observation is ndarray: must be the environment's, a Dict"):
         policy.predict(np.zeros(16))
     with pytest.raises(TypeError, match="env_id = 5: must be an id"):

@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from tensegrity_agents.controllers import baselines_of
 from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.results import Run
 from tensegrity_envs import termination_reason
@@ -120,9 +121,11 @@ def evaluate(
                 check_environment(controller, core)
             except ValueError as error:
                 same = f", {dict(env_options)}" if env_options else ""
+                told = f"controller {name!r}: {error}. "
+                if name in baselines_of(env_id, env_options):
+                    told += f"make_controller({name!r}, {env_id!r}{same}) makes one for these episodes; "
                 raise ControllerError(
-                    f"controller {name!r}: {error}. make_controller({name!r}, {env_id!r}{same}) makes one for these "
-                    "episodes; evaluate(..., made_elsewhere=True) lets this one act all the same"
+                    f"{told}evaluate(..., made_elsewhere=True) lets this one act all the same"
                 ) from error
         record = _Record(count, limit, core.error_name, step_time(core))
         observation, info = envs.reset(seed=first_seed + first)

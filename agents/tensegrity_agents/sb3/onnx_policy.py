@@ -34,14 +34,15 @@ import torch
 from torch.distributions import Distribution
 
 from tensegrity_agents.controllers.base import beginning
+from tensegrity_agents.controllers.reminder import Reminder
 from tensegrity_agents.extras import need
 from tensegrity_agents.sb3.errors import ExportError
 from tensegrity_agents.sb3.history import History, Past, remembered, with_action
-from tensegrity_agents.sb3.policy_file import TrainedPolicy, augmentations
+from tensegrity_agents.sb3.policy_file import TrainedPolicy, augmentations, check_observation
 from tensegrity_agents.whole_file import written_whole
 
 METADATA = "tensegrity_agents"  # the key of the description in the file's metadata
-TOLERANCE = 1e-6  # of actions, which are within [-1, 1]
+TOLERANCE = 1e-5  # of actions, which are within [-1, 1]; single precision, over episodes in which each remembers
 _GOALS = ("observation", "achieved_goal", "desired_goal")
 _PAST = ("past_observations", "past_actions", "first")
 _HIDDEN = ("hidden", "cell")
@@ -217,11 +218,15 @@ class OnnxPolicy:
         found = augmentations(self.description)
         self._features: Any = next((one for one in found if not isinstance(one, History)), None)
         self._shapes = {one.name: one.shape[1:] for one in self._session.get_inputs()}
+        self._reminder = Reminder(f"the policy of {path}")
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Actions for a batch of observations, and what is remembered."""
+        """Actions for a batch of observations, and what is remembered; see `TrainedPolicy.predict`."""
+        check_observation(observation)
+        if len(self._shapes) > len(_GOALS):
+            self._reminder(state)
         n = len(observation["observation"])
         seen, of_features = observation, None
         begins = beginning(n, state, episode_start)

@@ -37,6 +37,7 @@ from tensegrity_agents.sb3.flat import Flattening
 from tensegrity_agents.sb3.history import History
 from tensegrity_agents.whole_file import written_whole
 from tensegrity_envs.core import Core
+from tensegrity_envs.env import unwrapped
 
 FORMAT = 1
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
@@ -93,6 +94,19 @@ def statistics_of(normalizer: VecNormalize) -> RunningMeanStd:
     return rms["observation"] if isinstance(rms, dict) else rms
 
 
+def check_observation(observation: Any) -> None:
+    """Refuse what is no Dict.
+
+    Raises:
+        TypeError: it is none.
+    """
+    if not hasattr(observation, "keys"):
+        raise TypeError(
+            f"predict: the observation is {type(observation).__name__}: must be the environment's, a Dict with "
+            "observation, achieved_goal and desired_goal"
+        )
+
+
 class TrainedPolicy:
     """A trained agent as a controller: takes the raw observation, and treats it as in training.
 
@@ -125,19 +139,15 @@ class TrainedPolicy:
         return f"the plan of {name}" if has_plan else f"what {name} says, a controller with feedback"
 
     def check_environment(self, core: Core) -> None:
-        """Refuse an environment with other observations or actions than that of the training.
+        """Refuse an environment that the policy would misread; one of another design is none.
 
         Raises:
-            ValueError: they have other sizes; the message names both.
+            ValueError: mechanism, observations or actions are others than in training; the message names both.
         """
-        shapes = self.description.get("observation_shapes")
-        if shapes is None:  # it was just trained, not loaded
-            return
-        sizes = [(*shapes["observation"], self.description["action_size"])]
-        sizes.append((core.schema.size, core.simulation.action_size))
-        own, here = (f"{seen} observed numbers, {actions} actions" for seen, actions in sizes)
-        if own != here:
-            raise ValueError(f"made for another environment: trained on {self.description['env']}: {own}; here: {here}")
+        own = gym.make(self.description["env"], **(self.description.get("options") or {}))
+        there, here = _read(unwrapped(own).core), _read(core)
+        if there != here:
+            raise ValueError(f"made for another environment: {self.description['env']}: {there}; here: {here}")
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -157,11 +167,7 @@ class TrainedPolicy:
         Raises:
             TypeError: the observation is no Dict.
         """
-        if not hasattr(observation, "keys"):
-            raise TypeError(
-                f"predict: the observation is {type(observation).__name__}: must be the environment's, a Dict with "
-                "observation, achieved_goal and desired_goal"
-            )
+        check_observation(observation)
         if self.augmentations or self.description["algorithm"] == "recurrent_ppo":
             self._reminder(state)
         before, hidden = (None, None) if state is None else state
@@ -412,6 +418,12 @@ def load_policy(
         raise PolicyFileError(f"{weights}: holds numbers that are not finite")
     policy.set_training_mode(False)
     return TrainedPolicy(policy, Normalization(mean, variance, clip, epsilon), description)
+
+
+def _read(core: Core) -> str:
+    """What is observed and done, in words."""
+    fields, actions = core.schema.fields.values(), core.simulation.action_size
+    return f"{type(core.nominal).__name__}, {', '.join(field.name for field in fields)}; {actions} actions"
 
 
 def _spaces(env_id: str, options: Mapping[str, Any] | None) -> tuple[spaces.Dict, spaces.Box]:
