@@ -26,6 +26,7 @@ from tensegrity_agents.own_modules import own_module
 from tensegrity_agents.yaml_file import ConfigError, read_yaml
 from tensegrity_envs.env import unwrapped
 from tensegrity_envs.simulation.dynamic import check_smooth
+from tensegrity_envs.uncertainty import LEVELS
 
 __all__ = ["ConfigError", "Experiment", "TrainConfig", "did_you_mean", "known_env", "load_experiment"]
 
@@ -257,6 +258,13 @@ class Experiment(_Strict):
     @classmethod
     def _known_env(cls, value: str) -> str:
         return known_env(value)
+
+    @field_validator("level", mode="before")
+    @classmethod
+    def _readable_level(cls, value: object) -> Any:
+        if isinstance(value, bool):
+            raise ValueError(f"{value}: must be from 0 to {len(LEVELS) - 1}, several such as [0, 2], or drawn")
+        return env_options.parse_level(value, "") if isinstance(value, str) else value
 
     @field_validator("design")
     @classmethod

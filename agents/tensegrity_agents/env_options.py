@@ -18,6 +18,7 @@ from tensegrity_envs.core import Core
 from tensegrity_envs.env import unwrapped
 from tensegrity_envs.mechanics.designs import PUBLISHED
 from tensegrity_envs.randomization import DrawnLevel, Randomization
+from tensegrity_envs.registration import full_id
 from tensegrity_envs.uncertainty import DRAWN, LEVELS, checked_level
 
 if TYPE_CHECKING:
@@ -105,11 +106,13 @@ def parse_level(text: str, option: str) -> int | list[int] | str:
     if text == DRAWN:
         return text
     try:
-        levels = [checked_level(int(part)) for part in text.strip("[]() ").split(",")]
+        levels = [checked_level(int(part)) for part in text.strip().removeprefix("[").removesuffix("]").split(",")]
     except ValueError:
         last = len(LEVELS) - 1
-        raise ConfigError(f"{option} {text}: must be from 0 to {last}, several such as 0,2, or drawn") from None
-    return levels[0] if len(levels) == 1 else levels
+        raise ConfigError(
+            f"{option} {text}".lstrip() + f": must be from 0 to {last}, several such as 0,2, or drawn"
+        ) from None
+    return levels[0] if len(levels) == 1 else sorted(levels)
 
 
 def parse_others(texts: Iterable[str], option: str = "--option") -> dict[str, Any]:
@@ -180,6 +183,7 @@ def canonical(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
     options = {name: value for name, value in options.items() if value is not None}
     if not options:
         return {}
+    env_id = full_id(env_id)
     core, usual = check_options(env_id, options), check_options(env_id, {})
     result: dict[str, Any] = {}
     if core.design != usual.design:

@@ -9,7 +9,7 @@ import pytest
 from tensegrity_agents import env_options
 from tensegrity_agents.config import ConfigError, Experiment, load_experiment
 from tensegrity_agents.controllers import make_controller
-from tensegrity_agents.env_options import canonical, check_options, explain, parse_design, results_name
+from tensegrity_agents.env_options import canonical, check_options, explain, parse_design, parse_level, results_name
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.evaluation.transfer import pair_of, transfer
 from tensegrity_agents.experiment import candidates, evaluate_all, train_agents
@@ -70,6 +70,18 @@ def test_levels_of_which_each_episode_has_one_keep_their_ranges():
     assert len({results_name(arm, given) for given in options}) == len(options)
     assert results_name(arm, {"level": "drawn"}) == results_name(arm, options[-1])
     assert results_name(arm, {"level": [0, 2], "randomization": {}}) == results_name(arm, options[0])
+
+
+@pytest.mark.parametrize(("text", "level"), [("2", 2), ("2,0", [0, 2]), ("[0, 2]", [0, 2]), ("drawn", "drawn")])
+def test_levels_as_text(text, level):
+    assert parse_level(text, "--level") == level
+    assert Experiment(env=LOADED, train={"total_timesteps": 1}, level=text).level == level
+
+
+@pytest.mark.parametrize("wrong", ["4", "-1", "x", "", "(0,2", True])
+def test_what_is_no_level_says_what_would_be(wrong):
+    with pytest.raises(ValueError, match="must be from 0 to 3, several such as"):
+        Experiment(env=LOADED, train={"total_timesteps": 1}, level=wrong)
 
 
 def test_options_that_change_nothing_leave_the_results_folder_as_it_is():

@@ -38,6 +38,7 @@ from tensegrity_agents.sb3.history import History
 from tensegrity_agents.whole_file import written_whole
 from tensegrity_envs.core import Core
 from tensegrity_envs.env import unwrapped
+from tensegrity_envs.registration import full_id
 
 FORMAT = 1
 WEIGHTS, DESCRIPTION = "policy.safetensors", "policy.json"
@@ -346,7 +347,7 @@ def load_policy(
         PolicyFileError: a file is missing, foreign, truncated, or the two do not belong together or to this
             environment.
     """
-    folder = Path(folder)
+    folder, env_id = Path(folder), None if env_id is None else full_id(env_id)
     folder = folder.parent if folder.name in (WEIGHTS, DESCRIPTION) else folder
     weights, description_file = folder / WEIGHTS, folder / DESCRIPTION
     for file in (weights, description_file):
