@@ -7,6 +7,7 @@ import pytest
 from matplotlib.image import imread
 
 from tensegrity_agents.evaluation.records import Record, packed, packed_times
+from tensegrity_agents.pretrained import load_pretrained
 from tensegrity_agents.reporting.matrix import (
     AGENT,
     best_controller,
@@ -112,6 +113,21 @@ def test_a_cell_says_how_long_it_takes():
     line_of = {True: "0.70 s, 0.70 s", False: "12, 12"}
     for group, timed in ((fast, True), (agents(0.9), False)):
         assert line_of[timed] in matrix_to_markdown({"tensegrity/MastReach-v0": [*group, servo]})
+
+
+@pytest.mark.parametrize(
+    ("env_id", "corrected"),
+    [
+        ("TwoXReach-v0", ""),
+        ("DualTriangleFastReachMuJoCo-v0", "closed_form_plan"),
+        ("PlanarFourBarLoadedReach-v0", "observer"),
+    ],
+)
+def test_the_matrix_tells_which_controller_agents_correct(env_id, corrected):
+    group = [replace(one, knows=load_pretrained(env_id).knows) for one in agents(0.9, 0.8)]
+    assert cells_of(group)[AGENT].corrects == corrected
+    text = matrix_to_markdown({"tensegrity/MastReach-v0": group}).replace("\\", "")
+    assert ("; corrects" in text) == bool(corrected) and corrected in text
 
 
 def test_controllers_look_different():

@@ -1,6 +1,7 @@
 """Who wins where: all ids by all controllers, of the records that a campaign has left."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -17,6 +18,9 @@ from tensegrity_agents.reporting.table import percent, steps_text
 
 AGENT = "agent"  # the column of all agents, whatever their method
 _NONE = "\N{EN DASH}"
+
+
+_CORRECTED = re.compile(r"(?:the plan of|what) (\w+)(?: says, a controller with feedback)?, which it corrects")
 
 
 class Cell(NamedTuple):
@@ -50,6 +54,12 @@ class Cell(NamedTuple):
     def time_text(self) -> str:
         """Time to settle, else steps to the target."""
         return steps_text(self.steps) if math.isnan(self.settling) else f"{self.settling:.2f} s"
+
+    @property
+    def corrects(self) -> str:
+        """Which controller the agent corrects, "" if it acts by itself; `TrainedPolicy.knows` says so."""
+        found = _CORRECTED.search(self.knows)
+        return found[1] if found else ""
 
     @property
     def worst(self) -> float:
@@ -200,7 +210,7 @@ def _line(env_id: str, cells: Mapping[str, Cell]) -> list[str]:
         better = f"{chance.point:.3f} [{chance.low:.3f}, {chance.high:.3f}]"
     return [
         _short(env_id),
-        _NONE if agent is None else agent.text,
+        _NONE if agent is None else agent.text + (f"; corrects {_escaped(agent.corrects)}" if agent.corrects else ""),
         _NONE if agent is None else str(len(agent.flags)),
         _NONE if agent is None else percent(agent.worst),
         _NONE if best is None else f"{_escaped(best.name)}: {best.text}{_shortened(best, cells)}",
