@@ -63,7 +63,7 @@ def main(arguments=None):
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--episodes", type=int, default=200)
     given = parser.parse_args(arguments)
-    print(f"training on {given.steps:,} steps, about a minute for every 10,000")
+    print(f"training on {given.steps:,} steps, which takes a while")
     try:
         model, normalizer = train(given.steps)
     except KeyboardInterrupt:

@@ -25,8 +25,8 @@ from tensegrity_agents.controllers.model_features import ModelFeatures
 from tensegrity_agents.own_modules import own_module
 from tensegrity_agents.yaml_file import ConfigError, read_yaml
 from tensegrity_envs.env import unwrapped
+from tensegrity_envs.registration import full_id
 from tensegrity_envs.simulation.dynamic import check_smooth
-from tensegrity_envs.uncertainty import LEVELS
 
 __all__ = ["ConfigError", "Experiment", "TrainConfig", "did_you_mean", "known_env", "load_experiment"]
 
@@ -262,9 +262,7 @@ class Experiment(_Strict):
     @field_validator("level", mode="before")
     @classmethod
     def _readable_level(cls, value: object) -> Any:
-        if isinstance(value, bool):
-            raise ValueError(f"{value}: must be from 0 to {len(LEVELS) - 1}, several such as [0, 2], or drawn")
-        return env_options.parse_level(value, "") if isinstance(value, str) else value
+        return env_options.parse_level(str(value), "") if isinstance(value, bool | str) else value
 
     @field_validator("design")
     @classmethod
@@ -434,7 +432,7 @@ def known_env(name: str) -> str:
         raise ConfigError(f"environment {name!r}: it is not made of a Core (see CONTRIBUTING.md)")
     if module:
         raise ConfigError(f"environment {name!r}: {module} registers no {own!r}")
-    full = name if name.startswith("tensegrity/") else f"tensegrity/{name}"
+    full = full_id(name)
     if full not in tensegrity_envs.ENV_IDS:
         hint = did_you_mean(name, tensegrity_envs.ENV_IDS)
         raise ConfigError(f"no environment {name!r}{hint or ';'} `tensegrity list` tells all, your own is 'module:id'")

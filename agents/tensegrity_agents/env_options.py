@@ -97,6 +97,15 @@ def parse_range(text: str, option: str) -> list[float]:
     return checked_range([low, high], f"{option} {text}")
 
 
+def level_numbers(text: str) -> list[int]:
+    """Levels of uncertainty from "0,2".
+
+    Raises:
+        ValueError: one is none.
+    """
+    return [checked_level(int(part)) for part in text.split(",")]
+
+
 def parse_level(text: str, option: str) -> int | list[int] | str:
     """A level of uncertainty, several of them, "0,2", or "drawn".
 
@@ -106,7 +115,7 @@ def parse_level(text: str, option: str) -> int | list[int] | str:
     if text == DRAWN:
         return text
     try:
-        levels = [checked_level(int(part)) for part in text.strip().removeprefix("[").removesuffix("]").split(",")]
+        levels = level_numbers(text.strip().removeprefix("[").removesuffix("]"))
     except ValueError:
         last = len(LEVELS) - 1
         raise ConfigError(

@@ -11,9 +11,10 @@ from tensegrity_agents.campaign import Task, keep_median, run_campaign, tasks_of
 from tensegrity_agents.command_options import find_experiment, parse_seeds
 from tensegrity_agents.config import ConfigError, Experiment, known_env
 from tensegrity_agents.console import GO_ON, checked_folder, clear_errors, progress_bar, say
+from tensegrity_agents.env_options import level_numbers
 from tensegrity_agents.evaluation.records import Record
 from tensegrity_agents.reporting.table import percent
-from tensegrity_envs.uncertainty import LEVELS, checked_level
+from tensegrity_envs.uncertainty import LEVELS
 
 
 def main(
@@ -143,7 +144,7 @@ def _only(what: str, tasks: list[Task]) -> list[Task]:
 
 def _parse_levels(text: str) -> tuple[int, ...]:
     try:
-        return tuple(checked_level(int(part)) for part in text.split(","))
+        return tuple(level_numbers(text))
     except ValueError as error:
         raise ConfigError(f"--levels {text}: must be whole numbers from 0 to {len(LEVELS) - 1}, such as 0,2") from error
 

@@ -108,7 +108,9 @@ class Evaluations:
         """A row of the table."""
         e = self.experiment
         options = e.train.env_options | e.options  # the reward of the training, on the environment of the table
-        run = evaluate(controller, e.env, self.episodes, VALIDATION_SEED, "agent", "agent", options)
+        run = evaluate(
+            controller, e.env, self.episodes, VALIDATION_SEED, "agent", "agent", options, made_elsewhere=True
+        )
         means = [float(np.mean(run.columns[name])) for name in ("success", "return", "steps")]
         return [seconds, float(timesteps), *means]
 
