@@ -10,6 +10,7 @@ from tensegrity_agents.controllers.planar_four_bar.informed import Informed
 from tensegrity_agents.controllers.planar_four_bar.loaded_features import LoadedFeatures
 from tensegrity_agents.controllers.planar_four_bar.reach import ClosedFormIK, Observer, Oracle, PseudoInverse
 from tensegrity_agents.controllers.planar_four_bar.servo import IdentifyingObserver, Servo
+from tensegrity_agents.controllers.regulated import FullSpeedPlan
 from tensegrity_envs.environments import PlanarFourBarReach
 
 __all__ = [
@@ -42,7 +43,7 @@ BASELINES: Makers = {
 # The same of the dynamic environments: quasi-static controllers, led along ramps, shaped or damped.
 DYNAMIC: Makers = {
     "PlanarFourBarReach": {
-        "closed_form_ik": partial(PlannedPath, base=ClosedFormIK, pace="full", damped=False),
+        "closed_form_ik": partial(FullSpeedPlan, base=ClosedFormIK),
         "closed_form_shaped": partial(PlannedPath, base=ClosedFormIK, pace="shaped", damped=False),
         "closed_form_damped": partial(PlannedPath, base=ClosedFormIK, pace="full"),
         "closed_form_ramp": partial(PlannedPath, base=ClosedFormIK),
