@@ -66,11 +66,13 @@ class ServoMemory(NamedTuple):
     Attributes:
         plan: of the path, and of what is known of the force.
         inputs: the command u, (n, 2) [m].
+        wished: where the controller's own latest action would have led it, (n, 2) [m]; an agent may have added to that.
         waited: steps since the command came to the end of the path, or since the path was planned, (n,).
     """
 
     plan: Memory
     inputs: np.ndarray
+    wished: np.ndarray
     waited: np.ndarray
 
 
@@ -96,13 +98,14 @@ class OwnCommand(ByCorners[ServoMemory]):
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> ServoMemory:
         """See `AnalyticController.initial`."""
         plan = self.planner.initial(observed, index)
-        return ServoMemory(plan, observed.actuator_lengths, np.zeros(len(index), int))
+        lengths = observed.actuator_lengths
+        return ServoMemory(plan, lengths, lengths, np.zeros(len(index), int))
 
     def _act(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[np.ndarray, ServoMemory]:
         action, memory = self._move(observed, memory)
         action = np.clip(action, -1.0, 1.0)
-        plan = memory.plan._replace(step=memory.plan.step + 1)
-        return action, memory._replace(plan=plan, inputs=self._driven(memory.inputs, action))
+        plan, inputs = memory.plan._replace(step=memory.plan.step + 1), self._driven(memory.inputs, action)
+        return action, memory._replace(plan=plan, inputs=inputs, wished=inputs)
 
     def given(self, before: ServoMemory, after: ServoMemory, action: np.ndarray) -> ServoMemory:
         """See `Correctable.given`."""
@@ -125,8 +128,8 @@ class OwnCommand(ByCorners[ServoMemory]):
         """Actions (n, 2), and what to remember but for the command."""
 
     def _rests(self, memory: ServoMemory) -> np.ndarray:
-        """Whether the command is at the end of the path, (n,)."""
-        return np.asarray(np.abs(memory.plan.path[:, -1] - memory.inputs).max(axis=1) < _STILL * self.rate)
+        """Whether the command is at the end of the path, or would be but for what an agent has added, (n,)."""
+        return np.asarray(np.abs(memory.plan.path[:, -1] - memory.wished).max(axis=1) < _STILL * self.rate)
 
     def _along(self, observed: DecodedObservation, memory: ServoMemory) -> tuple[np.ndarray, ServoMemory]:
         """Actions along the path from the command on."""
