@@ -61,3 +61,8 @@ def sent(line: Line, inputs: np.ndarray, action: np.ndarray) -> Line:
     """With a new action (n, inputs), given when these inputs were measured."""
     actions = np.concatenate([action[:, None], line.actions[:, :-1]], axis=1)
     return line._replace(actions=actions, inputs=inputs)
+
+
+def sent_instead(line: Line, action: np.ndarray) -> Line:
+    """With another action (n, inputs) in the place of the newest one."""
+    return line._replace(actions=np.concatenate([action[:, None], line.actions[:, 1:]], axis=1))

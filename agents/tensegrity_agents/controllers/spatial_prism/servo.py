@@ -29,6 +29,9 @@ o and the evidence of o, relative to that of no weight so far, are
 
 Steps o are equally likely in their documented range; those that are still to come have L_o = 1 and no weight. The mean
 of W over all o goes into the loaded inverse kinematics: lengths(g) = `SpatialPrism.held` under it.
+
+An agent may correct either (`Correctable`): u goes on from what was done to the lengths that are due, so that nothing
+of what is added stays.
 """
 
 from abc import abstractmethod
@@ -36,8 +39,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from tensegrity_agents.controllers.base import AnalyticController, Observation
-from tensegrity_agents.controllers.delay_line import Line, delays_of, first_line, seen, sent
+from tensegrity_agents.controllers.base import Observation
+from tensegrity_agents.controllers.correctable import Correctable
+from tensegrity_agents.controllers.delay_line import Line, delays_of, first_line, seen, sent, sent_instead
 from tensegrity_agents.controllers.spatial_prism.identification import resting
 from tensegrity_agents.controllers.spatial_prism.measurements import decoded
 from tensegrity_agents.controllers.spatial_prism.track import held
@@ -49,6 +53,7 @@ from tensegrity_envs.observation import DecodedObservation
 
 _LEAST_NOISE = 1e-4  # [m]: the tip yields to a weight not quite linearly
 _FARTHEST = AHEAD[-1]
+_FAR, _LATE = 3.0, 3.0  # steps of the rate, and of a delay, that are shown as 1
 
 
 class ServoMemory(NamedTuple):
@@ -93,7 +98,7 @@ def _seen_goals(observed: DecodedObservation) -> np.ndarray:
     return np.stack([observed.target, *ways], axis=1)
 
 
-class Ahead(AnalyticController[ServoMemory]):
+class Ahead(Correctable[ServoMemory]):
     """Sends the lengths for the goal of the step in which they will act; subclasses say which those are.
 
     Args:
@@ -136,9 +141,36 @@ class Ahead(AnalyticController[ServoMemory]):
         ahead = np.minimum(self._delay(memory) + 1, _FARTHEST)
         wanted = self._lengths(goals[np.arange(len(ahead)), ahead], memory.step + ahead, memory)
         action = np.clip((wanted - memory.inputs) / self.rate, -1.0, 1.0)
-        inputs = np.clip(memory.inputs + self.rate * action, self.low, self.high)
-        line = sent(line, observed.lengths, action)
+        line, inputs = sent(line, observed.lengths, action), self._driven(memory.inputs, action)
         return action, memory._replace(step=memory.step + 1, inputs=inputs, line=line)
+
+    def _driven(self, inputs: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """The command after an action."""
+        return np.asarray(np.clip(inputs + self.rate * action, self.low, self.high))
+
+    def given(self, before: ServoMemory, after: ServoMemory, action: np.ndarray) -> ServoMemory:
+        """See `Correctable.given`."""
+        return after._replace(inputs=self._driven(before.inputs, action), line=sent_instead(after.line, action))
+
+    def added(self, memory: ServoMemory) -> np.ndarray:
+        """See `Correctable.added`: nothing."""
+        return np.zeros_like(memory.inputs)
+
+    def looks_at_rest(self, memory: ServoMemory) -> np.ndarray:
+        """See `Correctable.looks_at_rest`: never, all is identified on the way."""
+        return np.zeros(len(memory.step), bool)
+
+    @property
+    def outlook_size(self) -> int:
+        """See `Correctable.outlook_size`."""
+        return 5
+
+    def outlook(self, observed: DecodedObservation, memory: ServoMemory) -> np.ndarray:
+        """See `Correctable.outlook`: how far the command is from the measured lengths, the delay that is believed in,
+        and what is believed of the load.
+        """
+        way = (memory.inputs - observed.lengths) / (_FAR * self.rate)
+        return np.concatenate([way, self._delay(memory)[:, None] / _LATE, self._load(memory)[:, None]], axis=1)
 
     def _delay(self, memory: ServoMemory) -> np.ndarray:
         """Believed delay [steps], (n,)."""
@@ -147,6 +179,10 @@ class Ahead(AnalyticController[ServoMemory]):
     def _measured(self, observed: DecodedObservation, memory: ServoMemory) -> ServoMemory:
         """What is believed after a measurement; here always the same."""
         return memory
+
+    def _load(self, memory: ServoMemory) -> np.ndarray:
+        """What is believed of the load, as a number of about 1, (n,); here nothing."""
+        return np.zeros(len(memory.step))
 
     @abstractmethod
     def _lengths(self, goal: np.ndarray, time: np.ndarray, memory: ServoMemory) -> np.ndarray:
@@ -167,6 +203,9 @@ class Servo(Ahead):
     def _measured(self, observed: DecodedObservation, memory: ServoMemory) -> ServoMemory:
         off = observed.tip - np.stack(self.nominal.forward_kinematics(tuple(observed.lengths.T)), axis=1)
         return memory._replace(offset=memory.offset + self.gain * (off - memory.offset))
+
+    def _load(self, memory: ServoMemory) -> np.ndarray:
+        return np.asarray(memory.offset[:, 2] / self.core.task.tolerance)
 
     def _lengths(self, goal: np.ndarray, time: np.ndarray, memory: ServoMemory) -> np.ndarray:
         return np.stack(self.nominal.unloaded_lengths(tuple((goal - memory.offset).T)), axis=1)
@@ -212,6 +251,9 @@ class IdentifyingObserver(Ahead):
         likely = np.exp(evidence - evidence.max(axis=1, keepdims=True))
         weights = np.where(come, np.clip(pull / known, *self.range), 0.0)
         return np.asarray((likely * weights).sum(axis=1) / likely.sum(axis=1))
+
+    def _load(self, memory: ServoMemory) -> np.ndarray:
+        return self.weight(memory) / self.range[1]
 
     def _lengths(self, goal: np.ndarray, time: np.ndarray, memory: ServoMemory) -> np.ndarray:
         return held(self.nominal, goal, self.weight(memory))
