@@ -3,7 +3,7 @@
 from functools import partial
 
 from tensegrity_agents.controllers.base import Makers
-from tensegrity_agents.controllers.planar_four_bar.dynamic import DampedFeedback, PlannedPath
+from tensegrity_agents.controllers.planar_four_bar.dynamic import DampedFeedback, PlannedPath, SmoothPlan
 from tensegrity_agents.controllers.planar_four_bar.dynamic_servo import OwnPath, Told
 from tensegrity_agents.controllers.planar_four_bar.features import Features
 from tensegrity_agents.controllers.planar_four_bar.informed import Informed
@@ -44,6 +44,7 @@ BASELINES: Makers = {
 DYNAMIC: Makers = {
     "PlanarFourBarReach": {
         "closed_form_ik": partial(FullSpeedPlan, base=ClosedFormIK),
+        "closed_form_plan": partial(SmoothPlan, base=ClosedFormIK),
         "closed_form_shaped": partial(PlannedPath, base=ClosedFormIK, pace="shaped", damped=False),
         "closed_form_damped": partial(PlannedPath, base=ClosedFormIK, pace="full"),
         "closed_form_ramp": partial(PlannedPath, base=ClosedFormIK),

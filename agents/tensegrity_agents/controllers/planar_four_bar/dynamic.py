@@ -12,6 +12,7 @@ from tensegrity_agents.controllers.dynamic import ADDS, Base, Memory, Pace, Plan
 from tensegrity_agents.controllers.fixed_length_damping import Damping, DampingMemory
 from tensegrity_agents.controllers.input_shaping import Vibration, shaped
 from tensegrity_agents.controllers.planar_four_bar.modes import FourBarModes
+from tensegrity_agents.controllers.regulated import FullSpeedPlan
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 
@@ -79,6 +80,20 @@ class PlannedPath(_Lengths[PathMemory]):
         _, _, branch = self.modes.read(observed, plan[:, -1])
         halves = self.damper.half_periods(plan[:, -1], branch)
         return shaped(observed.inputs, plan, Vibration(halves, np.ones_like(halves)))
+
+
+class SmoothPlan(FullSpeedPlan):
+    """The minimum-jerk course of 60 steps at least, and nothing else: agents correct it, and have to damp.
+
+    Args:
+        core: of the environment.
+        base: makes the quasi-static controller, which feeds nothing back.
+    """
+
+    def __init__(self, core: Core, base: Base) -> None:
+        super().__init__(core, base)
+        self.pace = "smooth"
+        self.knows = f"{self.base.knows}; {ADDS[self.pace]}"
 
 
 class FeedbackMemory(NamedTuple):
