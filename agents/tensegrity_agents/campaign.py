@@ -6,7 +6,6 @@ changed since is measured again.
 """
 
 import json
-import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -27,13 +26,13 @@ from tensegrity_agents.evaluation.results import Progress, Run, kind_of
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.experiment import agent_name, train_agents
 from tensegrity_agents.sb3.checkpoint import CHECKPOINT
-from tensegrity_agents.sb3.policy_file import DESCRIPTION, WEIGHTS
-from tensegrity_agents.whole_file import written_whole
+from tensegrity_agents.sb3.policy_file import DESCRIPTION, WEIGHTS, load_policy, save_policy
 from tensegrity_envs.seeding import TEST_SEED
 from tensegrity_envs.uncertainty import LEVELS
 
 FLAGS = "test_successes.txt"  # of a kept policy: one digit for each test episode
 _CPU = "cpu_seconds.json"
+_CHECKED, _DIFFER = 200, 2
 # The first test episodes alone are measured of controllers whose actions take long.
 FEWER_EPISODES = {"mpc": 200}
 
@@ -279,7 +278,9 @@ def median_record(records: Sequence[Record]) -> Record:
 
 
 def keep_median(experiment: Experiment, results: Path, records: Path, policies: Path) -> Path | None:
-    """Copy the policy of the median seed to policies/<id>/ with its test flags; None unless all seeds are there.
+    """Put the policy of the median seed into policies/<id>/ with its test flags; None unless all seeds are there.
+
+    Its weights are in half precision, unless that changes more than `_DIFFER` of the first `_CHECKED` flags.
 
     Args:
         experiment: of the id.
@@ -296,10 +297,11 @@ def keep_median(experiment: Experiment, results: Path, records: Path, policies: 
     target = policies / tasks[0].short_id
     if not (home / WEIGHTS).is_file():
         return None
-    target.mkdir(parents=True, exist_ok=True)
-    for name in (WEIGHTS, DESCRIPTION):
-        with written_whole(target / name) as part:
-            shutil.copyfile(home / name, part)
+    save_policy(target, load_policy(home), half=True)
+    count = min(_CHECKED, len(chosen.flags()))
+    found = evaluate(load_policy(target), experiment.env, count, TEST_SEED, "kept", env_options=experiment.options)
+    if np.sum(found.columns["success"] != chosen.flags()[:count]) > _DIFFER:
+        save_policy(target, load_policy(home))
     digits = np.where(chosen.flags(), "1", "0")
     (target / FLAGS).write_text("".join(digits) + "\n")
     return target

@@ -110,7 +110,11 @@ def test_the_median_seed_is_kept_once_all_are_there(tmp_path):
     rows = measured(experiment, tmp_path)
     chosen = median_record([rows[f"agent-{seed}"] for seed in experiment.seeds])
     home = keep_median(experiment, *folders)
-    assert load_policy(home).description["seed"] == chosen.seed
+    kept, whole = load_policy(home), load_policy(Task(experiment, chosen.seed).home(folders[0]))
+    assert kept.description["seed"] == chosen.seed
+    for key, value in whole.policy.state_dict().items():
+        np.testing.assert_array_equal(kept.policy.state_dict()[key], value.half().float())
+    np.testing.assert_array_equal(kept.normalization.variance, whole.normalization.variance)
     assert (home / FLAGS).read_text().strip() == "".join("01"[flag] for flag in chosen.flags().astype(int))
 
 

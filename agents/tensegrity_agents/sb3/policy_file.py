@@ -297,7 +297,7 @@ def _is_taught_only(description: Mapping[str, Any]) -> bool:
     return first is not None and first["timesteps"] >= train["total_timesteps"]
 
 
-def save_policy(folder: Path, agent: TrainedPolicy) -> None:
+def save_policy(folder: Path, agent: TrainedPolicy, half: bool = False) -> None:
     """Write policy.safetensors and policy.json into a folder, each whole or not at all.
 
     Of a policy that a teacher or a gradient alone has trained, the value function, which nothing has trained, is left
@@ -307,12 +307,15 @@ def save_policy(folder: Path, agent: TrainedPolicy) -> None:
         folder: is created.
         agent: whose description has env, options, algorithm, net_arch, activation, goal_error_scales, and anything
             else worth keeping (seed, timesteps, config).
+        half: round the weights to half precision, for half the size; loaded, they are single precision again.
     """
     policy, normalization, description = agent.policy, agent.normalization, agent.description
     folder.mkdir(parents=True, exist_ok=True)
     tensors = {key: value.detach().cpu().contiguous() for key, value in policy.state_dict().items()}
     if _is_taught_only(description):
         tensors = {key: value for key, value in tensors.items() if not key.startswith(_VALUE)}
+    if half:
+        tensors = {key: value.half() for key, value in tensors.items()}
     tensors[_NORMALIZE + "mean"] = torch.from_numpy(np.asarray(normalization.mean, np.float64))
     tensors[_NORMALIZE + "variance"] = torch.from_numpy(np.asarray(normalization.variance, np.float64))
     data = save_tensors(tensors)

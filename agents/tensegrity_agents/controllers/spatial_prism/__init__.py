@@ -3,7 +3,7 @@
 from functools import partial
 
 from tensegrity_agents.controllers.base import Makers
-from tensegrity_agents.controllers.spatial_prism.dynamic import CurveTracking, TrackingFeedback
+from tensegrity_agents.controllers.spatial_prism.dynamic import CurvePlan, CurveTracking, TrackingFeedback
 from tensegrity_agents.controllers.spatial_prism.informed import Informed
 from tensegrity_agents.controllers.spatial_prism.servo import IdentifyingObserver, Servo
 from tensegrity_agents.controllers.spatial_prism.track import ClosedFormIK, Observer, Oracle, PseudoInverse
@@ -35,7 +35,7 @@ BASELINES: Makers = {
 # The same of the dynamic environments: quasi-static controllers, led along ramps, shaped or damped.
 DYNAMIC: Makers = {
     "SpatialPrismTrack": {
-        "closed_form_ik": partial(CurveTracking, base=ClosedFormIK, damped=False),
+        "closed_form_ik": partial(CurvePlan, base=ClosedFormIK),
         "closed_form_shaped": partial(CurveTracking, base=ClosedFormIK, pace="shaped", damped=False),
         "closed_form_damped": partial(CurveTracking, base=ClosedFormIK),
         "pseudo_inverse": partial(TrackingFeedback, base=PseudoInverse),

@@ -7,11 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tensegrity_agents.controllers.correctable import Correctable
 from tensegrity_agents.controllers.dynamic import ADDS, Adapted, Base, Pace
 from tensegrity_agents.controllers.fixed_length_damping import Damping, DampingMemory
 from tensegrity_agents.controllers.spatial_prism.modes import PrismModes
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
+
+_FAR = 3.0  # steps of the rate that are shown as 1
 
 
 class Memory(NamedTuple):
@@ -62,6 +65,40 @@ class CurveTracking(Adapted[Memory]):
         goals = ((0.25, observed.target), (0.5, observed.next_goal), (0.25, later))
         lengths = [weight * self.base.lengths(observed.replace(next_goal=goal), memory.step) for weight, goal in goals]
         return np.asarray(sum(lengths))
+
+
+class CurvePlan(CurveTracking, Correctable[Memory]):
+    """The curve at full speed without damping, which an agent can correct: it starts from the measured lengths, always.
+
+    Args:
+        core: of the environment.
+        base: makes the quasi-static controller.
+    """
+
+    def __init__(self, core: Core, base: Base) -> None:
+        super().__init__(core, base, damped=False)
+
+    def given(self, before: Memory, after: Memory, action: np.ndarray) -> Memory:
+        """See `Correctable.given`: nothing of it is remembered."""
+        return after
+
+    def added(self, memory: Memory) -> np.ndarray:
+        """See `Correctable.added`: nothing."""
+        return np.zeros_like(memory.damping.lengths)
+
+    def looks_at_rest(self, memory: Memory) -> np.ndarray:
+        """See `Correctable.looks_at_rest`: never."""
+        return np.zeros(len(memory.step), bool)
+
+    @property
+    def outlook_size(self) -> int:
+        """See `Correctable.outlook_size`."""
+        return int(self.core.simulation.action_size)
+
+    def outlook(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
+        """See `Correctable.outlook`: the way to the lengths of the goal in two steps."""
+        later = observed.replace(next_goal=observed.tip + observed.goal_in_2)
+        return np.asarray((self.base.lengths(later, memory.step) - observed.lengths) / (_FAR * self.rate))
 
 
 class TrackingFeedback(CurveTracking):
