@@ -73,6 +73,8 @@ def test_short_ids_and_what_is_no_number_of_episodes():
     for wrong in (0, 2.5, True):
         with pytest.raises(ValueError, match=f"episodes = {wrong}: must be a whole number, 1 or more"):
             evaluate(planner, "TwoXReach-v0", wrong, TEST_SEED, "planner")
+        with pytest.raises(ValueError, match=f"batch = {wrong}: must be a whole number, 1 or more"):
+            evaluate(planner, "TwoXReach-v0", 3, TEST_SEED, "planner", batch=wrong)
 
 
 def test_a_policy_of_another_environment_and_another_observation_are_refused():

@@ -102,10 +102,11 @@ def evaluate(
     Raises:
         ControllerError: it was made for another environment, `predict` or `begin_episodes` raised an error, or the
             actions do not fit.
-        ValueError: `episodes` is no positive whole number.
+        ValueError: `episodes` or `batch` is no positive whole number.
     """
-    if isinstance(episodes, bool) or not isinstance(episodes, int | np.integer) or episodes < 1:
-        raise ValueError(f"evaluate: episodes = {episodes!r}: must be a whole number, 1 or more")
+    for what, count in (("episodes", episodes), ("batch", batch)):
+        if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+            raise ValueError(f"evaluate: {what} = {count!r}: must be a whole number, 1 or more")
     env_id, parts = full_id(env_id), []
     actions_given, seconds = 0, 0.0
     limit = gym.spec(env_id).max_episode_steps or 100
