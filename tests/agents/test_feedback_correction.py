@@ -30,6 +30,7 @@ CORRECTABLE = [
     if isinstance(controller, Correctable) and not controller.wants_privileged
 ]
 CORRECTABLE.append(("tensegrity/SpatialPrismTrackMuJoCo-v0", "closed_form_ik"))
+CORRECTABLE += [("tensegrity/TwoXTensionReachUncertainMuJoCo-v0", name) for name in ("servo", "identifying_observer")]
 
 
 def test_there_are_controllers_to_correct():

@@ -13,6 +13,9 @@ the noise; the share makes up for the time that damping takes where the arm is s
 
 With `look` > 0 the inputs are held for so many steps first, and the plan is made with the mean of the tips until then:
 for a base that identifies the arm from it.
+
+An agent may correct either (`Correctable`): every action begins where the command has come to, so that nothing of what
+is added stays.
 """
 
 from typing import ClassVar, NamedTuple
@@ -20,6 +23,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from tensegrity_agents.controllers.base import jacobian_at
+from tensegrity_agents.controllers.correctable import Correctable
 from tensegrity_agents.controllers.dynamic import Base, Planned
 from tensegrity_agents.controllers.fixed_length_damping import matrices
 from tensegrity_envs.core import Core
@@ -28,6 +32,7 @@ from tensegrity_envs.observation import DecodedObservation
 _DAMPING = 0.1  # d [m/rad]
 _NEAR = 0.1  # [m] of a correction
 _SOFTEST = 0.05  # of the largest eigenvalue
+_FAR, _SOON = 10.0, 20.0  # steps of the rate to the end of the plan, and of time, that are shown as 1
 
 
 class IntegralMemory(NamedTuple):
@@ -50,7 +55,7 @@ class IntegralMemory(NamedTuple):
     tips: np.ndarray
 
 
-class IntegralRamp(Planned[IntegralMemory]):
+class IntegralRamp(Planned[IntegralMemory], Correctable[IntegralMemory]):
     """See the module.
 
     Args:
@@ -71,6 +76,8 @@ class IntegralRamp(Planned[IntegralMemory]):
     def __init__(self, core: Core, base: Base, look: int = 0) -> None:
         super().__init__(core, base, "smooth ramp along its own command, active damping, slow integral action at rest")
         self.look = look
+        straight, least = np.zeros((1, self.joints)), np.full((1, self.core.simulation.action_size), self.low)
+        self._scale = float(np.abs(self._effect(straight, least)).max() * self.rate * _FAR)  # [N m]
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> IntegralMemory:
         """See `AnalyticController.initial`."""
@@ -94,8 +101,36 @@ class IntegralRamp(Planned[IntegralMemory]):
         off = self.damping_torque(own, q) - torque - self.share * pull
         action = np.clip(self.resisting(own, wanted, q, off), -1.0, 1.0)
         action[memory.step < 0] = 0.0
-        inputs = np.clip(memory.inputs + self.rate * action, self.low, self.high)
-        return action, memory._replace(step=memory.step + 1, inputs=inputs, torque=torque)
+        return action, memory._replace(step=memory.step + 1, inputs=self._driven(memory.inputs, action), torque=torque)
+
+    def _driven(self, inputs: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """The command after an action."""
+        return np.asarray(np.clip(inputs + self.rate * action, self.low, self.high))
+
+    def given(self, before: IntegralMemory, after: IntegralMemory, action: np.ndarray) -> IntegralMemory:
+        """See `Correctable.given`."""
+        return after._replace(inputs=self._driven(before.inputs, action))
+
+    def added(self, memory: IntegralMemory) -> np.ndarray:
+        """See `Correctable.added`: nothing."""
+        return np.zeros_like(memory.inputs)
+
+    def looks_at_rest(self, memory: IntegralMemory) -> np.ndarray:
+        """See `Correctable.looks_at_rest`."""
+        return np.asarray(memory.step <= 0)
+
+    @property
+    def outlook_size(self) -> int:
+        """See `Correctable.outlook_size`."""
+        return int(self.core.simulation.action_size) + self.joints + 1
+
+    def outlook(self, observed: DecodedObservation, memory: IntegralMemory) -> np.ndarray:
+        """See `Correctable.outlook`: the way to the end of the plan, the time until then, and the torque s, of which
+        1 is what ten steps of one input make at q = 0.
+        """
+        way = (memory.plan[:, -1] - memory.inputs) / (_FAR * self.rate)
+        time = np.clip((memory.end - memory.step) / _SOON, -1.0, 1.0)[:, None]
+        return np.concatenate([way, time, memory.torque / self._scale], axis=1)
 
     def _looked(self, observed: DecodedObservation, memory: IntegralMemory) -> IntegralMemory:
         """The memory with one more tip; and with plans where it was the last one."""
