@@ -16,7 +16,8 @@ from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.sb3.augmented import AugmentedVecEnv
 from tensegrity_agents.sb3.errors import ExportError
 from tensegrity_agents.sb3.feedback_correction import FeedbackCorrection
-from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, augmentations, plain_policy
+from tensegrity_agents.sb3.policy_file import Normalization, TrainedPolicy, augmentations, load_policy, plain_policy
+from tensegrity_agents.sb3.training import train
 from tensegrity_agents.sb3.vec_env import VectorEnvAdapter
 from tensegrity_envs.seeding import VALIDATION_SEED
 
@@ -148,6 +149,18 @@ def test_agents_are_shown_the_same_in_training_and_after(env_id, name):
         )
         for i in np.flatnonzero(begins):
             assert infos[i]["terminal_observation"]["observation"].shape == told["observation"][i].shape
+
+
+def test_a_trained_agent_corrects_the_controller_of_all_its_levels(tmp_path):
+    """As in training. Once kept, it asked that of the id's own level, which knows no delays of more than two steps."""
+    prism = "tensegrity/SpatialPrismPayloadTrackUncertain-v0"
+    few = {"num_envs": 4, "n_steps": 4, "batch_size": 8, "n_epochs": 1}
+    settings = {"corrects": {"controller": "identifying_observer"}, "levels": [0, 3], "ppo": few}
+    train(Experiment(env=prism, train={"total_timesteps": 32, "net_arch": [4], **settings}), 0, tmp_path)
+    (correction,) = load_policy(tmp_path).augmentations
+    found, wanted = correction.controller, make_controller("identifying_observer", prism, {"level": [0, 3]})
+    assert found.delays == wanted.delays != make_controller("identifying_observer", prism).delays
+    assert (found.range, found.noise) == (wanted.range, wanted.noise)
 
 
 def test_a_controller_that_cannot_be_corrected_is_explained_with_those_that_can():

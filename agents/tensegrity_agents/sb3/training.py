@@ -226,6 +226,7 @@ class _Training(BaseCallback):
             "goal_scale": settings.goal_scale,
             "model_hints": settings.model_hints,
             "history": settings.history,
+            "levels": settings.levels,
             "corrects": None if settings.corrects is None else settings.corrects.model_dump(mode="json"),
             "lstm_hidden_size": settings.lstm_hidden_size,
             "seed": self.seed,
