@@ -207,12 +207,12 @@ def test_the_shipped_policy_is_scored_by_its_name():
     code, text = run("evaluate", "TwoXReach-v0", "--controller", "agent", "--episodes", "60", "--json")
     assert code == 0, text
     assert '"agent"' in text
-    code, text = run("evaluate", "TwoXPayloadReachUncertain-v0", "--controller", "agent", "--episodes", "60")
+    code, text = run("evaluate", "TwoXTensionReachUncertain-v0", "--controller", "agent", "--episodes", "60")
     assert code == 2
     assert "no policy is shipped for" in text
 
 
-@pytest.mark.parametrize(("env_id", "is_shipped"), [("TwoXReach-v0", True), ("TwoXPayloadReachUncertain-v0", False)])
+@pytest.mark.parametrize(("env_id", "is_shipped"), [("TwoXReach-v0", True), ("TwoXTensionReachUncertain-v0", False)])
 def test_evaluate_says_where_a_policy_is_shipped(env_id, is_shipped):
     code, text = run("evaluate", env_id, "--episodes", "3")
     assert (code, "--controller agent scores it" in text) == (0, is_shipped)
@@ -345,7 +345,7 @@ def test_slips_in_options_of_environments_are_told(given, message):
     [
         ("Nope-v0", "Nope-v0, which is no environment of this package$"),
         ("TwoXReach", "which is no environment of this package: did you mean TwoXReach-v0"),
-        ("TwoXPayloadReachUncertain-v0", "`tensegrity train TwoXPayloadReachUncertain-v0`"),
+        ("TwoXTensionReachUncertain-v0", "`tensegrity train TwoXTensionReachUncertain-v0`"),
     ],
 )
 def test_policies_that_are_not_shipped_are_told(name, message):
