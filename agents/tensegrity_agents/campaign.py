@@ -297,11 +297,22 @@ def keep_median(experiment: Experiment, results: Path, records: Path, policies: 
     target = policies / tasks[0].short_id
     if not (home / WEIGHTS).is_file():
         return None
-    save_policy(target, load_policy(home), half=True)
-    count = min(_CHECKED, len(chosen.flags()))
+    flags = chosen.flags()
+    digits = "".join(np.where(flags, "1", "0")) + "\n"
+    if (target / FLAGS).is_file() and (target / FLAGS).read_text() == digits and _described(target) == _described(home):
+        return target
+    policy, count = load_policy(home), min(_CHECKED, len(flags))
+    save_policy(target, policy, half=True)
     found = evaluate(load_policy(target), experiment.env, count, TEST_SEED, "kept", env_options=experiment.options)
-    if np.sum(found.columns["success"] != chosen.flags()[:count]) > _DIFFER:
-        save_policy(target, load_policy(home))
-    digits = np.where(chosen.flags(), "1", "0")
-    (target / FLAGS).write_text("".join(digits) + "\n")
+    if np.sum(found.columns["success"] != flags[:count]) > _DIFFER:
+        save_policy(target, policy)
+    (target / FLAGS).write_text(digits)
     return target
+
+
+def _described(folder: Path) -> dict[str, Any]:
+    """The description of a policy, whatever the precision of its weights; empty where there is none."""
+    file = folder / DESCRIPTION
+    return (
+        {key: value for key, value in json.loads(file.read_text()).items() if key != "sha256"} if file.is_file() else {}
+    )

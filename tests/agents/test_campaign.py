@@ -102,7 +102,7 @@ def test_what_stops_a_row_leaves_those_before_it(tmp_path, monkeypatch):
     assert set(measured(experiment, tmp_path)) == {"agent-0", "closed_form_ik"}
 
 
-def test_the_median_seed_is_kept_once_all_are_there(tmp_path):
+def test_the_median_seed_is_kept_once_all_are_there(tmp_path, monkeypatch):
     experiment = Experiment(**SMALL)
     folders = [tmp_path / name for name in ("results", "records", "policies")]
     measured(experiment.changed(seeds=[0]), tmp_path)
@@ -116,6 +116,8 @@ def test_the_median_seed_is_kept_once_all_are_there(tmp_path):
         np.testing.assert_array_equal(kept.policy.state_dict()[key], value.half().float())
     np.testing.assert_array_equal(kept.normalization.variance, whole.normalization.variance)
     assert (home / FLAGS).read_text().strip() == "".join("01"[flag] for flag in chosen.flags().astype(int))
+    monkeypatch.delattr("tensegrity_agents.campaign.evaluate")
+    assert keep_median(experiment, *folders) == home  # what is there is not checked again
 
 
 def test_the_median_is_the_lower_middle():
