@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tensegrity_agents.controllers.base import AnalyticController
+from tensegrity_envs.compiler.pytree import is_array, tree_leaves
 from tensegrity_envs.observation import DecodedObservation
 
 Memory = TypeVar("Memory", bound=tuple[Any, ...])
@@ -33,15 +34,17 @@ class Correctable(AnalyticController[Memory]):
             action: that was taken, shape (n, action size).
         """
 
-    @abstractmethod
     def added(self, memory: Memory) -> np.ndarray:
         """How far the command is from where the controller alone would have it, in steps of the inputs' rate, shape
-        (n, action size).
+        (n, action size). By default no way: wherever the command has come to, it goes on to where it is to be.
         """
+        return np.zeros((_count(memory), self.core.simulation.action_size))
 
-    @abstractmethod
     def looks_at_rest(self, memory: Memory) -> np.ndarray:
-        """Whether it holds the inputs to identify the arm, shape (n,) of bools: what is added then would mislead it."""
+        """Whether it holds the inputs to identify the arm, shape (n,) of bools: what is added then would mislead it.
+        By default it never does.
+        """
+        return np.zeros(_count(memory), bool)
 
     @abstractmethod
     def outlook(self, observed: DecodedObservation, memory: Memory) -> np.ndarray:
@@ -51,3 +54,8 @@ class Correctable(AnalyticController[Memory]):
             observed: what it was asked about.
             memory: what it wants to be remembered.
         """
+
+
+def _count(memory: Any) -> int:
+    """Of how many environments this is the memory."""
+    return len(next(tree_leaves(memory, is_array)))

@@ -111,10 +111,6 @@ class IntegralRamp(Planned[IntegralMemory], Correctable[IntegralMemory]):
         """See `Correctable.given`."""
         return after._replace(inputs=self._driven(before.inputs, action))
 
-    def added(self, memory: IntegralMemory) -> np.ndarray:
-        """See `Correctable.added`: nothing."""
-        return np.zeros_like(memory.inputs)
-
     def looks_at_rest(self, memory: IntegralMemory) -> np.ndarray:
         """See `Correctable.looks_at_rest`."""
         return np.asarray(memory.step <= 0)

@@ -33,10 +33,6 @@ class ByCorners(Correctable[Memory]):
     def steps(self, memory: Memory) -> np.ndarray:
         """How many steps it has acted for, (n,)."""
 
-    def added(self, memory: Memory) -> np.ndarray:
-        """See `Correctable.added`: nothing."""
-        return np.zeros((len(self.steps(memory)), 2))
-
     def looks_at_rest(self, memory: Memory) -> np.ndarray:
         """See `Correctable.looks_at_rest`: the first steps are what identifies the force."""
         return np.asarray(self.steps(memory) <= self.looks)

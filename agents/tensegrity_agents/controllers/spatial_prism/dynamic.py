@@ -82,14 +82,6 @@ class CurvePlan(CurveTracking, Correctable[Memory]):
         """See `Correctable.given`: nothing of it is remembered."""
         return after
 
-    def added(self, memory: Memory) -> np.ndarray:
-        """See `Correctable.added`: nothing."""
-        return np.zeros_like(memory.damping.lengths)
-
-    def looks_at_rest(self, memory: Memory) -> np.ndarray:
-        """See `Correctable.looks_at_rest`: never."""
-        return np.zeros(len(memory.step), bool)
-
     @property
     def outlook_size(self) -> int:
         """See `Correctable.outlook_size`."""

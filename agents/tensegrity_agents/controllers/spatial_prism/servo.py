@@ -152,14 +152,6 @@ class Ahead(Correctable[ServoMemory]):
         """See `Correctable.given`."""
         return after._replace(inputs=self._driven(before.inputs, action), line=sent_instead(after.line, action))
 
-    def added(self, memory: ServoMemory) -> np.ndarray:
-        """See `Correctable.added`: nothing."""
-        return np.zeros_like(memory.inputs)
-
-    def looks_at_rest(self, memory: ServoMemory) -> np.ndarray:
-        """See `Correctable.looks_at_rest`: never, all is identified on the way."""
-        return np.zeros(len(memory.step), bool)
-
     @property
     def outlook_size(self) -> int:
         """See `Correctable.outlook_size`."""
