@@ -203,6 +203,7 @@ def test_controllers_and_configs_do_not_need_mujoco():
     assert shown.returncode == 0, shown.stderr
 
 
+@pytest.mark.usefixtures("only_one_policy")
 def test_the_shipped_policy_is_scored_by_its_name():
     code, text = run("evaluate", "TwoXReach-v0", "--controller", "agent", "--episodes", "60", "--json")
     assert code == 0, text
@@ -213,6 +214,7 @@ def test_the_shipped_policy_is_scored_by_its_name():
 
 
 @pytest.mark.parametrize(("env_id", "is_shipped"), [("TwoXReach-v0", True), ("TwoXTensionReachUncertain-v0", False)])
+@pytest.mark.usefixtures("only_one_policy")
 def test_evaluate_says_where_a_policy_is_shipped(env_id, is_shipped):
     code, text = run("evaluate", env_id, "--episodes", "3")
     assert (code, "--controller agent scores it" in text) == (0, is_shipped)
@@ -348,6 +350,7 @@ def test_slips_in_options_of_environments_are_told(given, message):
         ("TwoXTensionReachUncertain-v0", "`tensegrity train TwoXTensionReachUncertain-v0`"),
     ],
 )
+@pytest.mark.usefixtures("only_one_policy")
 def test_policies_that_are_not_shipped_are_told(name, message):
     with pytest.raises(ValueError, match=f"no policy is shipped for .*{message}"):
         load_pretrained(name)

@@ -17,7 +17,7 @@ from tensegrity_agents.controllers.kalman import ArmFilter, corrected
 from tensegrity_agents.controllers.torque_regulator import allocated, effect_of, torque_motion
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_envs.observation import DecodedObservation
-from tensegrity_envs.seeding import VALIDATION_SEED
+from tensegrity_envs.seeding import TEST_SEED, VALIDATION_SEED
 from tensegrity_envs.simulation.mujoco.linearizing import linearize
 
 IDS = ("tensegrity/TwoXFastReachMuJoCo-v0", "tensegrity/DualTriangleFastReachMuJoCo-v0")
@@ -233,3 +233,15 @@ def test_it_holds_at_level_2(env_id):
         make_controller("lqg", env_id, options), env_id, 20, VALIDATION_SEED, "lqg", env_options=options
     ).columns
     assert columns["success"].mean() >= 0.9
+
+
+def test_the_path_of_an_arm_that_begins_elsewhere_stays_within_the_joint_limits():
+    """There the nominal arm would rest 0.46 rad from where this one begins, and the path led to 2.83 rad: an error."""
+    env_id, options = "tensegrity/TwoXTensionReachUncertainMuJoCo-v0", {"level": 3}
+    controller, env = make_controller("lqg", env_id, options), gym.make(env_id, **options)
+    seen = {key: value[None] for key, value in env.reset(seed=TEST_SEED + 14)[0].items()}
+    action, memory = controller.predict(seen)
+    limit = controller.model.linkage.limit
+    assert np.abs(memory.path).max() == pytest.approx(limit)
+    assert np.isfinite(action).all()
+    env.close()

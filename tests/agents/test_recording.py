@@ -129,6 +129,7 @@ def test_the_command(tmp_path):
         ("TwoXReach-v0 --seed 2000000000", "seeds 2000000000"),
     ],
 )
+@pytest.mark.usefixtures("only_one_policy")
 def test_slips(words, answer, tmp_path):
     code, text = run(*words.split(), "--episodes", "1", "--out", str(tmp_path))
     assert (code, answer in text) == (2, True), text

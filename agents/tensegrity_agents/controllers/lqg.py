@@ -2,7 +2,7 @@
 
 A quasi-static controller plans the inputs at full speed when an episode begins. Where the nominal arm would rest under
 them is the path Q of the joints; a moving average over `smoothing` steps takes the corners off, and where the arm does
-not begin where the nominal one would, the difference fades away in 25 steps. In every step k
+not begin where the nominal one would, the difference fades away in 25 steps, within the joint limits. In every step k
 
 1. the filter (`kalman`) turns measurements with noise into angles, rates and the parameters in which this arm differs
    from the nominal one; `delay_line` finds the delay d from what has become of earlier actions;
@@ -111,7 +111,8 @@ class LQG(FullSpeed[LQGMemory]):
         plan = self._plan(observed, index)
         rest, here = self._rests(angles, plan), self._rests(angles, inputs[:, None])
         fades = np.maximum(1 - np.arange(1, plan.shape[1] + 1) / _FADES, 0.0)[:, None]
-        path = self._averaged(angles, rest + fades * (angles[:, None] - here))
+        limit = self.model.linkage.limit  # the difference may lead beyond it, where no arm goes
+        path = self._averaged(angles, rest + fades * (angles[:, None] - here)).clip(-limit, limit)
         plan = self._averaged(inputs, plan)
         end = ends_of_plans(path, _STILL)
         inertia, gain = self._along(plan, path, end)

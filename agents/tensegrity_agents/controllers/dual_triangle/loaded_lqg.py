@@ -81,7 +81,7 @@ class LoadedLQG(LQG):
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> LQGMemory:
         """See `AnalyticController.initial`: nothing is planned yet."""
         belief, n = self.filter.first(observed), len(index)
-        q = belief.mean[:, : self.joints]
+        q = self._reachable(belief.mean)
         way = np.repeat(q[:, None], _STEPS, axis=1)
         plan = np.repeat(observed.inputs[:, None], _STEPS, axis=1)
         load = self._relative(belief.mean)
@@ -89,6 +89,11 @@ class LoadedLQG(LQG):
         line, step = first_line(observed.inputs, self.delays), np.zeros(n, int)
         end = np.full(n, _NEVER)
         return LQGMemory(plan, way, end, inertia, gain, 0 * q, belief, line, step, (way, load, observed.tip))
+
+    def _reachable(self, mean: np.ndarray) -> np.ndarray:
+        """The believed joint angles, which noise may have put beyond their limits, within these."""
+        limit = self.model.linkage.limit
+        return np.asarray(mean[:, : self.joints].clip(-limit, limit))
 
     def _relative(self, mean: np.ndarray) -> np.ndarray:
         """The believed load relative to the believed stiffness, (n, 2) [N]."""
@@ -122,7 +127,7 @@ class LoadedLQG(LQG):
         for i in due:
             k = int(memory.step[i])
             first = k == self.look
-            old = memory.belief.mean[i : i + 1, : self.joints] if first else way[i, k:][::3]
+            old = self._reachable(memory.belief.mean[i : i + 1]) if first else way[i, k:][::3]
             clearance = -np.inf if first else float(validity(self.nominal, float(self.high), old, load[i])[0].min())
             if clearance < self.narrow:
                 goal, other = choose_posture(
