@@ -1,8 +1,8 @@
 """An agent that corrects an analytic controller's plan: residual learning [Johannink2019] about a path of inputs.
 
-The controller, one of those that plan the inputs of an episode when it begins (`controllers.regulated.FullSpeed`), says
-where the inputs u are to be after each step, u*_k. The agent's output d moves that by up to `by` steps of the inputs'
-rate, and the environment's action is
+The controller, one of those that plan the inputs of an episode when it begins (`controllers.regulated.FullSpeedPlan`),
+says where the inputs u are to be after each step, u*_k. The agent's output d moves that by up to `by` steps of the
+inputs' rate, and the environment's action is
 
     a_k = clip((u*_k - u_k) / rate + by d_k, -1, 1),    u_(k+1) = clip(u_k + rate a_k).
 
@@ -20,7 +20,7 @@ import numpy as np
 from gymnasium import spaces
 
 from tensegrity_agents.controllers.base import beginning, with_rows
-from tensegrity_agents.controllers.regulated import FullSpeed
+from tensegrity_agents.controllers.regulated import FullSpeedPlan
 from tensegrity_agents.sb3.augmented import as_batch, with_numbers
 
 _NEAR, _FAR = 3.0, 10.0  # steps that are shown as 1, of what is near along the plan and of its end
@@ -50,7 +50,7 @@ class Correction:
         by: largest correction, in steps of the inputs' rate.
     """
 
-    def __init__(self, planner: FullSpeed[Any], by: float) -> None:
+    def __init__(self, planner: FullSpeedPlan, by: float) -> None:
         core = planner.core
         self.planner, self.by = planner, by
         simulation: Any = core.simulation
