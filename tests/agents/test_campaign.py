@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tensegrity_agents.campaign import FEWER_EPISODES, FLAGS, Task, keep_median, median_record, run_campaign, tasks_of
+from tensegrity_agents.command import campaign as command
 from tensegrity_agents.command.program import app
 from tensegrity_agents.config import Experiment, load_experiment
 from tensegrity_agents.controllers import make_controller
@@ -196,6 +197,18 @@ def test_slips_of_what_to_measure_are_explained(tmp_path, words, message):
     done = CliRunner().invoke(app, ["campaign", "--ids", "TwoXReach-v0", *places, *words], env={"COLUMNS": "300"})
     assert done.exit_code == 2
     assert message in done.output
+
+
+@pytest.mark.parametrize(("words", "count"), [([], 10), (["--seeds", "0,1"], 2)])
+def test_a_config_with_more_than_five_seeds_has_them_all(tmp_path, monkeypatch, words, count):
+    seen: list[Task] = []
+    monkeypatch.setattr(command, "run_campaign", lambda tasks, *_: seen.extend(tasks) or iter(()))
+    places = ["--results", str(tmp_path / "results"), "--records", str(tmp_path / "records")]
+    for env_id, expected in (("TwoXFastReachMuJoCo-v0", count), ("TwoXReach-v0", min(count, 5))):
+        seen.clear()
+        done = CliRunner().invoke(app, ["campaign", "--ids", env_id, *places, *words])
+        assert done.exit_code == 0, done.output
+        assert [task.seed for task in seen if task.seed is not None] == list(range(expected))
 
 
 def test_a_foreign_file_is_named(tmp_path):

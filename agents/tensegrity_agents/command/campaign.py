@@ -21,7 +21,12 @@ def main(
     ids: Annotated[
         str | None, typer.Option(help="comma-separated ids", show_default="all that have a config, quasi-static first")
     ] = None,
-    seeds: Annotated[str | None, typer.Option(help="training seeds, such as 0,1,2", show_default="0,1,2,3,4")] = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(
+            help="training seeds, such as 0,1,2", show_default="0,1,2,3,4, or those of a config that has more"
+        ),
+    ] = None,
     only: Annotated[str, typer.Option(help="agents, controllers, all, or names of controllers: informed,mpc")] = "all",
     levels: Annotated[
         str | None,
@@ -55,8 +60,9 @@ def main(
         Path | None, typer.Option(help="keep the policy of the median seed of each finished id in this folder")
     ] = None,
 ) -> None:
-    """Train 5 seeds of the config of every id, evaluate them and the analytic controllers on 1,000 test episodes each,
-    and keep every row: success of each episode, training time (CPU and wall), steps, a hash of the config.
+    """Train 5 seeds of the config of every id (or all of a config that has more), evaluate them and the analytic
+    controllers on 1,000 test episodes each (mpc, and ids whose config says so, on 200), and keep every row: success of
+    each episode, training time (CPU and wall), steps, a hash of the config.
 
     Interrupt it whenever you like: the same command goes on, and rows that are there are not measured again. A row that
     fails is named, and the others go on. The matrix of all rows is drawn by: tensegrity matrix
@@ -78,7 +84,10 @@ def main(
         if timesteps is not None and not ablate:
             raise ConfigError(f"--timesteps {timesteps}: is for --ablate; a config has its own total_timesteps")
         chosen = parse_seeds(seeds or ("0,1,2" if ablate else "0,1,2,3,4"))
-        experiments = [experiment.changed(seeds=chosen) for experiment in _experiments(ids)]
+        experiments = [
+            one if seeds is None and not ablate and len(one.seeds) > len(chosen) else one.changed(seeds=chosen)
+            for one in _experiments(ids)
+        ]
         chosen_levels = None if levels is None else _parse_levels(levels)
         groups = {records: _only(only, [task for one in experiments for task in tasks_of(one, levels=chosen_levels)])}
         if ablate:
