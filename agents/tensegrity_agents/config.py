@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import gymnasium as gym
 from pydantic import (
@@ -11,7 +11,6 @@ from pydantic import (
     ConfigDict,
     Field,
     PositiveFloat,
-    PositiveInt,
     ValidationError,
     field_validator,
     model_validator,
@@ -31,6 +30,9 @@ from tensegrity_envs.simulation.dynamic import check_smooth
 __all__ = ["ConfigError", "Experiment", "TrainConfig", "did_you_mean", "known_env", "load_experiment"]
 
 
+_MANY = 100_000  # a slip beyond: what is so large ends in lack of memory
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -38,8 +40,8 @@ class _Strict(BaseModel):
 class PPOSettings(_Strict):
     """Stable-Baselines3's PPO, with its names."""
 
-    num_envs: int = Field(512, ge=1, description="environments stepped as one batch")
-    n_steps: int = Field(16, ge=1)
+    num_envs: int = Field(512, ge=1, le=_MANY, description="environments stepped as one batch")
+    n_steps: int = Field(16, ge=1, le=_MANY)
 
     @model_validator(mode="after")
     def _is_a_batch(self) -> "PPOSettings":
@@ -54,9 +56,12 @@ class PPOSettings(_Strict):
     learning_rate: float = Field(2e-3, gt=0, description="at the start; falls linearly to zero")
     clip_range: float = Field(0.2, gt=0)
     ent_coef: float = Field(0.0, ge=0)
-    log_std_init: float = -0.5
+    log_std_init: float = Field(-0.5, ge=-20, le=5)
     log_std_end: float | None = Field(
-        None, description="log std of the exploration falls or rises linearly from log_std_init to this one, untrained"
+        None,
+        ge=-20,
+        le=5,
+        description="log std of the exploration falls or rises linearly from log_std_init to this one, untrained",
     )
     value_rollouts: int = Field(
         0,
@@ -74,7 +79,9 @@ class TeacherSettings(_Strict):
 
     controller: str = Field("oracle", description="see controllers.teachers_of; it is told the truth")
     timesteps: int = Field(ge=1, description="environment steps with the teacher, the first of total_timesteps")
-    n_steps: int = Field(20, ge=1, description="environment steps between two trainings, in each of ppo.num_envs")
+    n_steps: int = Field(
+        20, ge=1, le=_MANY, description="environment steps between two trainings, in each of ppo.num_envs"
+    )
     gradient_steps: int = Field(60, ge=1, description="of each training")
     batch_size: int = Field(2048, ge=1)
     buffer_size: int = Field(400_000, ge=1, description="the latest steps, which are trained on")
@@ -113,7 +120,7 @@ class GradientSettings(_Strict):
     timesteps: int = Field(
         ge=1, description="environment steps through which gradients go, the first of all; rounded up to whole updates"
     )
-    num_envs: int = Field(256, ge=1, le=100_000, description="episodes in one gradient")
+    num_envs: int = Field(256, ge=1, le=_MANY, description="episodes in one gradient")
     horizon: int = Field(40, ge=2, description="steps of each, from its beginning on")
     learning_rate: float = Field(1e-3, gt=0, le=1, description="at the start; falls linearly to zero")
     substeps: int = Field(5, ge=1, le=1000, description="time steps in each step")
@@ -136,7 +143,9 @@ class PrivilegedSettings(_Strict):
 class OffPolicySettings(_Strict):
     """Stable-Baselines3's SAC and TD3, sb3-contrib's TQC and CrossQ, with their names."""
 
-    num_envs: int = Field(1, ge=1, description="environments stepped as one batch; more than one are the native vector")
+    num_envs: int = Field(
+        1, ge=1, le=_MANY, description="environments stepped as one batch; more than one are the native vector"
+    )
     her: bool = Field(True, description="hindsight experience replay, future strategy; not with crossq")
     n_sampled_goal: int = Field(4, ge=1)
     buffer_size: int = Field(300_000, ge=1)
@@ -158,11 +167,11 @@ class TrainConfig(_Strict):
     segment_timesteps: int = Field(
         500_000, ge=1, description="a checkpoint after each; environments are reset and random numbers reseeded there"
     )
-    net_arch: list[PositiveInt] = Field([128, 128], min_length=1)
+    net_arch: list[Annotated[int, Field(ge=1, le=_MANY)]] = Field([128, 128], min_length=1, max_length=100)
     activation: Literal["relu", "tanh"] = "relu"
     goal_error_scales: list[PositiveFloat] = Field([0.5, 0.1, 0.02], min_length=1, description="see GoalErrorExtractor")
     goal_scale: float = Field(
-        0.5, gt=0, description="divides goals before the network sees them [m]; such as half the reach"
+        0.5, ge=1e-6, le=1e6, description="divides goals before the network sees them [m]; such as half the reach"
     )
     goal_is_angles: bool = Field(False, description="goals are angles on the torus, see GoalErrorExtractor")
     model_hints: bool = Field(
@@ -170,9 +179,12 @@ class TrainConfig(_Strict):
         description="the agent also observes model-based features, see controllers.model_features",
     )
     history: int = Field(
-        0, ge=0, description="observations and actions of so many steps before, and the first observation, are seen"
+        0,
+        ge=0,
+        le=1000,
+        description="observations and actions of so many steps before, and the first observation, are seen",
     )
-    lstm_hidden_size: int = Field(64, ge=1, description="units of the memory of recurrent_ppo")
+    lstm_hidden_size: int = Field(64, ge=1, le=_MANY, description="units of the memory of recurrent_ppo")
     levels: list[int] | None = Field(
         None,
         min_length=1,
@@ -204,7 +216,9 @@ class TrainConfig(_Strict):
     )
     ppo: PPOSettings = PPOSettings()
     off_policy: OffPolicySettings = OffPolicySettings()
-    threads: int = Field(1, ge=1, description="Torch threads; more than one is slow where other programs run beside it")
+    threads: int = Field(
+        1, ge=1, le=1024, description="Torch threads; more than one is slow where other programs run beside it"
+    )
 
     @property
     def is_on_policy(self) -> bool:
@@ -304,6 +318,8 @@ class Experiment(_Strict):
 
     @model_validator(mode="after")
     def _options_fit(self) -> "Experiment":
+        env_options.check_own(self.env_options, "env_options")
+        env_options.check_own(self.train.env_options, "train.env_options", frozenset({"max_episode_steps"}))
         evaluated = env_options.check_options(self.env, self.options)
         trained = env_options.check_options(self.env, self.training_options)
         spaces = [

@@ -137,8 +137,7 @@ def parse_others(texts: Iterable[str], option: str = "--option") -> dict[str, An
             raise ConfigError(f"{option} {text}: must be name=value, such as segments=4")
         if name in NAMES:
             raise ConfigError(f"{option} {text}: has an option of its own, --{name.replace('_', '-')}")
-        if name in _GYMNASIUM:
-            raise ConfigError(f"{option} {text}: {name} is no option of environments, but of gym.make")
+        check_own([name], f"{option} {text}")
         if name in found:
             raise ConfigError(f"{option} {text}: {name} is given twice")
         try:
@@ -146,6 +145,22 @@ def parse_others(texts: Iterable[str], option: str = "--option") -> dict[str, An
         except yaml.YAMLError:
             raise ConfigError(f"{option} {text}: {value!r} is not YAML") from None
     return found
+
+
+def check_own(options: Iterable[str], where: str, also: frozenset[str] = frozenset()) -> None:
+    """Refuse arguments of `gym.make` among an environment's own.
+
+    Args:
+        options: names.
+        where: for messages.
+        also: of these the ones that are allowed.
+
+    Raises:
+        ConfigError: one is there.
+    """
+    for name in options:
+        if name in _GYMNASIUM - also:
+            raise ConfigError(f"{where}: {name} is no option of environments, but of gym.make")
 
 
 def checked_range(value: Sequence[float], where: str) -> list[float]:

@@ -27,7 +27,7 @@ from tensegrity_agents.reporting.table import Row
 from tensegrity_agents.reporting.transfer_table import transfer_to_markdown
 from tensegrity_agents.sb3.policy_file import TrainedPolicy, load_policy
 from tensegrity_agents.sb3.side_by_side import train_side_by_side
-from tensegrity_agents.sb3.training import CURVE, EVALUATIONS, read_curve, train, with_later_settings
+from tensegrity_agents.sb3.training import CURVE, EVALUATIONS, check_trainable, read_curve, train, with_later_settings
 from tensegrity_envs.env import unwrapped
 from tensegrity_envs.seeding import TEST_SEED, VALIDATION_SEED
 
@@ -60,8 +60,9 @@ def train_agents(
         jobs: how many are trained at once, each in a process of its own; environments of your own, one after another.
     """
     homes = {seed: folder / f"agent-{seed}" for seed in experiment.seeds}
-    for home in homes.values():
-        if fresh and home.exists():
+    if fresh and any(home.exists() for home in homes.values()):
+        check_trainable(experiment)
+        for home in filter(Path.exists, homes.values()):
             shutil.rmtree(home)
 
     def report(seed: int, done: int, total: int, success: float) -> None:
@@ -189,18 +190,21 @@ def evaluate_named(
         raise ConfigError(f"--split {split}: must be test or validation")
     own = env_options.canonical(env_id, options)
     chosen = dict.fromkeys(names or ([] if policies else list(baselines_of(env_id, options))[:1]))
-    scored: list[tuple[str, Any, str]] = [
-        (name, load_pretrained(env_id, own), "agent")
+
+    def remarked(name: str, agent: TrainedPolicy) -> tuple[str, Any, str]:
+        before = agent.description.get("options") or {}
+        knows_levels = set(options) == {"level"} and bool(agent.description.get("levels"))
+        if before != own and not knows_levels:
+            remark(f"{name}: trained with other options ({before or 'the default ones'}) than it is evaluated with")
+        return name, agent, "agent"
+
+    scored = [
+        remarked(name, load_pretrained(env_id, own))
         if name == AGENT
         else (name, make_controller(name, env_id, options), kind_of(name))
         for name in chosen
     ]
-    for path in policies:
-        agent = load_policy(path, env_id, own)
-        before = agent.description.get("options") or {}
-        if before != own:
-            remark(f"{path}: trained with other options ({before or 'the default ones'}) than it is evaluated with")
-        scored.append((str(path), agent, "agent"))
+    scored += [remarked(str(path), load_policy(path, env_id, own)) for path in policies]
     first = TEST_SEED if split == "test" else VALIDATION_SEED
     runs = []
     for name, controller, kind in scored:

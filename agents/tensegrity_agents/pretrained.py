@@ -33,7 +33,7 @@ def load_pretrained(env_id: str, options: Mapping[str, Any] | None = None) -> "T
         A policy with Stable-Baselines3's `predict`, for batches of the environment's observations.
 
     Raises:
-        TypeError: the id is no text.
+        TypeError: the id is no text, or the options are no mapping.
         ValueError: there is none for this id, and the message says for which there are; or it does not fit the
             environment with these options.
     """
@@ -41,7 +41,9 @@ def load_pretrained(env_id: str, options: Mapping[str, Any] | None = None) -> "T
 
     if not isinstance(env_id, str):
         raise TypeError(f"load_pretrained: env_id = {env_id!r}: must be an id, such as 'TwoXReach-v0'")
-    short = env_id.rpartition("/")[2]
+    if options is not None and not isinstance(options, Mapping):
+        raise TypeError(f"load_pretrained: options = {options!r}: must be a dict, such as {{'level': 3}}")
+    short = env_id.removeprefix("tensegrity/")
     name = f"tensegrity/{short}"
     if name not in pretrained_ids():
         if name not in tensegrity_envs.ENV_IDS:

@@ -190,7 +190,13 @@ def test_of_slow_controllers_the_first_episodes_are_measured(tmp_path, monkeypat
 
 @pytest.mark.parametrize(
     ("words", "message"),
-    [(["--only", "lqg"], "'lqg' is none; there are"), (["--levels", "0,7"], "whole numbers from 0 to 3")],
+    [
+        (["--only", "lqg"], "'lqg' is none; there are"),
+        (["--levels", "0,7"], "whole numbers from 0 to 3"),
+        (["--seeds", ""], "--seeds : must be whole numbers"),
+        (["--ids", "TwoXReach-v0,tensegrity/TwoXReach-v0"], "must be different ids"),
+        (["--ablate", "--only", "controllers"], "ablations are of agents alone"),
+    ],
 )
 def test_slips_of_what_to_measure_are_explained(tmp_path, words, message):
     places = ["--results", str(tmp_path / "a"), "--records", str(tmp_path / "b")]

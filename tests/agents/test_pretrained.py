@@ -92,3 +92,39 @@ def test_a_policy_of_another_environment_and_another_observation_are_refused():
         policy.predict(np.zeros(16))
     with pytest.raises(TypeError, match="env_id = 5: must be an id"):
         load_pretrained(5)
+    with pytest.raises(TypeError, match="options = 5: must be a dict"):
+        load_pretrained("TwoXReach-v0", 5)
+    with pytest.raises(ValueError, match="unexpected keyword argument 'x'; there are control"):
+        load_pretrained("TwoXReach-v0", {"x": 1})
+    with pytest.raises(ValueError, match="no policy is shipped for foo/TwoXReach-v0"):
+        load_pretrained("foo/TwoXReach-v0")
+
+
+@pytest.mark.parametrize(
+    ("change", "state", "begins", "message"),
+    [
+        ({"achieved_goal": None}, None, None, "the observation has no achieved_goal"),
+        (
+            {"observation": np.zeros((2, 3))},
+            None,
+            None,
+            r"observation of shape \(2, 3\): must be \(6,\), or n of these",
+        ),
+        ({"observation": np.zeros((2, 2, 6))}, None, None, r"observation of shape \(2, 2, 6\): must be"),
+        ({"desired_goal": np.zeros((3, 2))}, None, None, "numbers of environments differ"),
+        ({}, "ab", None, "state of type str: must be None, or what predict returned"),
+        ({}, None, [True], "episode_start of size 1, but observations of 2"),
+        ({}, 3, None, "state of 3 environments, but observations of 2"),
+    ],
+)
+def test_what_a_policy_cannot_be_asked_is_explained(change, state, begins, message):
+    policy, envs = load_pretrained(PAYLOAD), gym.make_vec(PAYLOAD, 3, vectorization_mode="vector_entry_point")
+    seen, _ = envs.reset(seed=0)
+    if state == 3:
+        _, state = policy.predict(seen)
+    asked = {key: value[:2] for key, value in seen.items()} | change
+    asked = {key: value for key, value in asked.items() if value is not None}
+    with pytest.raises((ValueError, TypeError), match=message):
+        policy.predict(asked, state, begins)
+    with pytest.raises(ValueError, match="the batch is empty"):
+        policy.predict({key: value[:0] for key, value in seen.items()})

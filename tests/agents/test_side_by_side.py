@@ -11,6 +11,7 @@ import pytest
 
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.experiment import train_agents
+from tensegrity_agents.sb3 import training
 from tensegrity_agents.sb3.errors import TrainingError
 
 TINY = {"total_timesteps": 64, "net_arch": [4], "ppo": {"num_envs": 4, "n_steps": 8}}
@@ -70,3 +71,17 @@ def test_a_signal_leaves_checkpoints_and_the_exit_code_of_an_interrupt(tmp_path)
     assert process.returncode == 143, text
     assert "run the same command again" in text
     assert all((path.parent / "checkpoint.pt").is_file() for path in wanted)
+
+
+def test_what_cannot_be_trained_takes_no_agent_away(tmp_path, monkeypatch):
+    kept = tmp_path / "agent-0" / "policy.json"
+    kept.parent.mkdir()
+    kept.touch()
+
+    def fails(*_):
+        raise ValueError("no such model")
+
+    monkeypatch.setattr(training, "make_model", fails)
+    with pytest.raises(ValueError, match="no such model"):
+        train_agents(EXPERIMENT, tmp_path, lambda *step: None, fresh=True)
+    assert kept.is_file()

@@ -83,7 +83,9 @@ def main(
             raise ConfigError("--policies: policies of ablations are not kept; leave it out")
         if timesteps is not None and not ablate:
             raise ConfigError(f"--timesteps {timesteps}: is for --ablate; a config has its own total_timesteps")
-        chosen = parse_seeds(seeds or ("0,1,2" if ablate else "0,1,2,3,4"))
+        if ablate and only not in ("all", "agents"):
+            raise ConfigError(f"--only {only}: ablations are of agents alone; leave it out")
+        chosen = parse_seeds(("0,1,2" if ablate else "0,1,2,3,4") if seeds is None else seeds)
         experiments = [
             one if seeds is None and not ablate and len(one.seeds) > len(chosen) else one.changed(seeds=chosen)
             for one in _experiments(ids)
@@ -173,7 +175,10 @@ def _experiments(ids: str | None) -> list[Experiment]:
         ConfigError: an id is unknown or has none.
     """
     if ids is not None:
-        return [find_experiment(None, known_env(name.strip())) for name in ids.split(",")]
+        names = [known_env(name.strip()) for name in ids.split(",")]
+        if len(set(names)) != len(names):
+            raise ConfigError(f"--ids {ids}: must be different ids")
+        return [find_experiment(None, name) for name in names]
     found = []
     for env_id in sorted(tensegrity_envs.ENV_IDS, key=lambda name: ("MuJoCo" in name, "Uncertain" in name)):
         try:

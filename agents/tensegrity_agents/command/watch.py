@@ -14,7 +14,7 @@ from tensegrity_agents.console import checked_file, clear_errors, need_window, p
 from tensegrity_agents.controllers import baselines_of, make_controller
 from tensegrity_agents.controllers.base import Controller
 from tensegrity_agents.evaluation.player import Player
-from tensegrity_agents.pretrained import load_pretrained, pretrained_ids
+from tensegrity_agents.pretrained import AGENT, load_pretrained, pretrained_ids
 from tensegrity_agents.reporting.film import SUFFIXES, write_film
 from tensegrity_envs import termination_reason
 from tensegrity_envs.env import unwrapped
@@ -35,10 +35,12 @@ def chosen_player(env_id: str, controller: str | None, policy: Path | None, opti
         from tensegrity_agents.sb3.policy_file import load_policy
 
         return policy.name, load_policy(policy, env_id, env_options.canonical(env_id, options))
-    if controller is None and env_id in pretrained_ids():
+    if controller in (None, AGENT) and env_id in pretrained_ids():
         try:
             return "shipped policy", load_pretrained(env_id, env_options.canonical(env_id, options))
         except ValueError as error:
+            if controller == AGENT:
+                raise
             say(f"the shipped policy does not fit: {error}")
     if controller is None:
         return strongest(env_id, options)

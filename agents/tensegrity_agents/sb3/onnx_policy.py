@@ -38,7 +38,7 @@ from tensegrity_agents.controllers.reminder import Reminder
 from tensegrity_agents.extras import need
 from tensegrity_agents.sb3.errors import ExportError
 from tensegrity_agents.sb3.history import History, Past, remembered, with_action
-from tensegrity_agents.sb3.policy_file import TrainedPolicy, augmentations, check_observation
+from tensegrity_agents.sb3.policy_file import TrainedPolicy, augmentations, check_asked
 from tensegrity_agents.whole_file import written_whole
 
 METADATA = "tensegrity_agents"  # the key of the description in the file's metadata
@@ -226,7 +226,7 @@ class OnnxPolicy:
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Actions for a batch of observations, and what is remembered; see `TrainedPolicy.predict`."""
-        check_observation(observation)
+        check_asked(observation, state, episode_start, self.description.get("observation_shapes") or {})
         if len(self._shapes) > len(_GOALS):
             self._reminder(state)
         n = len(observation["observation"])

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from tensegrity_agents.sb3.feedback_correction import FeedbackCorrection
 from tensegrity_agents.sb3.flat import Flattening
 from tensegrity_agents.sb3.history import History
 from tensegrity_agents.whole_file import written_whole
+from tensegrity_envs.compiler.pytree import is_array, tree_leaves
 from tensegrity_envs.core import Core
 from tensegrity_envs.env import unwrapped
 from tensegrity_envs.registration import full_id
@@ -95,17 +96,44 @@ def statistics_of(normalizer: VecNormalize) -> RunningMeanStd:
     return rms["observation"] if isinstance(rms, dict) else rms
 
 
-def check_observation(observation: Any) -> None:
-    """Refuse what is no Dict.
+def check_asked(observation: Any, state: Any, episode_start: Any, shapes: Mapping[str, Sequence[int]]) -> None:
+    """Refuse what is no observation of the environment, or does not go with it.
+
+    Args:
+        observation: arrays of these shapes, or of n of them.
+        state: None, or two values, which `predict` has returned.
+        episode_start: None, or n bools.
+        shapes: of the environment's observations.
 
     Raises:
-        TypeError: it is none.
+        TypeError: the observation is no Dict, or the state none of `predict`.
+        ValueError: an entry is missing or has another shape, or the numbers of environments differ.
     """
     if not hasattr(observation, "keys"):
         raise TypeError(
             f"predict: the observation is {type(observation).__name__}: must be the environment's, a Dict with "
             "observation, achieved_goal and desired_goal"
         )
+    counts: dict[str, tuple[int, ...]] = {}
+    for name, shape in shapes.items():
+        if name not in observation:
+            raise ValueError(f"predict: the observation has no {name}: must be a Dict with {', '.join(shapes)}")
+        found = np.shape(observation[name])
+        counts[name] = found[: max(len(found) - len(shape), 0)]
+        if found[len(counts[name]) :] != tuple(shape) or len(counts[name]) > 1:
+            raise ValueError(f"predict: {name} of shape {found}: must be {tuple(shape)}, or n of these in an array")
+    if len(set(counts.values())) > 1:
+        raise ValueError(f"predict: numbers of environments differ: {counts}")
+    count = next((batch[0] for batch in counts.values() if batch), 1)
+    if counts and count == 0:
+        raise ValueError("predict: the batch is empty")
+    if counts and episode_start is not None and np.size(episode_start) != count:
+        raise ValueError(f"predict: episode_start of size {np.size(episode_start)}, but observations of {count}")
+    if state is not None and not (isinstance(state, tuple) and len(state) == 2):
+        raise TypeError(f"predict: state of type {type(state).__name__}: must be None, or what predict returned")
+    remembered = None if state is None or state[1] is not None else next(tree_leaves(state[0], is_array), None)
+    if counts and remembered is not None and len(remembered) != count:
+        raise ValueError(f"predict: state of {len(remembered)} environments, but observations of {count}")
 
 
 class TrainedPolicy:
@@ -166,9 +194,10 @@ class TrainedPolicy:
             Shape (n, action size) or (action size,), within [-1, 1]; the state, None where nothing is remembered.
 
         Raises:
-            TypeError: the observation is no Dict.
+            TypeError: the observation is no Dict, or the state none of `predict`.
+            ValueError: it is of another environment, or the numbers of environments differ.
         """
-        check_observation(observation)
+        check_asked(observation, state, episode_start, self.description.get("observation_shapes") or {})
         if self.augmentations or self.description["algorithm"] == "recurrent_ppo":
             self._reminder(state)
         before, hidden = (None, None) if state is None else state
@@ -385,8 +414,9 @@ def load_policy(
     if env_id is not None and (env != env_id or trained_with != (options or {})):
         try:
             observation_space, action_space = _spaces(env_id, options)
-        except gym.error.Error as error:
-            raise PolicyFileError(f"{folder}: wanted for {env_id!r}, trained on {env!r}: {error}") from error
+        except (TypeError, ValueError, gym.error.Error) as error:
+            reason = str(error).split(" was raised from the environment creator")[0]
+            raise PolicyFileError(f"{folder}: wanted for {env_id!r}, trained on {env!r}: {reason}") from error
         if {k: list(s.shape or ()) for k, s in observation_space.spaces.items()} != shapes or action_space.shape != (
             action_size,
         ):

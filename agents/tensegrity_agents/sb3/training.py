@@ -9,6 +9,7 @@ also need their replay buffer, which is not kept: after a resume they begin a ne
 before learning goes on, so their results differ from an uninterrupted run, though not in kind.
 """
 
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -325,6 +326,11 @@ def _correct_nothing(model: BaseAlgorithm) -> None:
     with torch.no_grad():
         policy.action_net.weight *= 0.0
         policy.action_net.bias *= 0.0
+
+
+def check_trainable(experiment: Experiment) -> None:
+    """Make environments and model of a training, and nothing else: what cannot be made raises its error here."""
+    _Training(experiment, experiment.seeds[0], Path(), None, math.inf).env.close()
 
 
 def train(
