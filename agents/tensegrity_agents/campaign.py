@@ -17,21 +17,24 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from tensegrity_agents.config import Experiment
 from tensegrity_agents.controllers import make_controller
 from tensegrity_agents.controllers.base import Controller
-from tensegrity_agents.evaluation.records import Record, hash_of, read_record, recorded
+from tensegrity_agents.evaluation.records import Amount, Record, file_of, hash_of, name_of, read_record, recorded
 from tensegrity_agents.evaluation.results import Progress, Run, kind_of
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.experiment import agent_name, train_agents
 from tensegrity_agents.sb3.checkpoint import CHECKPOINT
 from tensegrity_agents.sb3.policy_file import DESCRIPTION, WEIGHTS, load_policy, save_policy
+from tensegrity_agents.whole_file import written_whole
 from tensegrity_envs.seeding import TEST_SEED
 from tensegrity_envs.uncertainty import LEVELS
 
 FLAGS = "test_successes.txt"  # of a kept policy: one digit for each test episode
 _CPU = "cpu_seconds.json"
+_COST = TypeAdapter[float](Amount)
 _CHECKED = 200
 # The first test episodes alone are measured of controllers whose actions take long.
 FEWER_EPISODES = {"mpc": 200}
@@ -60,7 +63,7 @@ class Task(NamedTuple):
     @property
     def name(self) -> str:
         """For messages and files."""
-        return f"agent-{self.seed}" if self.seed is not None else self.controller.replace(":", "-")
+        return name_of(self.controller, self.seed)
 
     @property
     def episodes(self) -> int:
@@ -92,10 +95,10 @@ class Task(NamedTuple):
 
     def file(self, records: Path) -> Path:
         """Where its record is kept."""
-        return records / self.short_id / f"{self.name}.json"
+        return file_of(records, self.experiment.env, self.controller, self.seed)
 
     def kept(self, records: Path) -> Record | None:
-        """Its record, if there is one of this config with all its levels.
+        """Its record, if there is one of this config, which says that it is this row, with all its levels.
 
         Raises:
             ValueError: the file there is no record.
@@ -113,7 +116,13 @@ class Task(NamedTuple):
         if not path.is_file():
             return None
         record = read_record(path)
-        return record if record.config == self.config else None
+        return record if self._is_asked_for(record) else None
+
+    def _is_asked_for(self, record: Record) -> bool:
+        """Whether a record is of this row: the hash alone does not notice a field that was changed by hand."""
+        asked = self.config, self.experiment.env, self.episodes, self.seed
+        found = record.config, record.env, record.episodes, record.seed
+        return found == asked and (self.seed is not None or record.controller == self.controller)
 
 
 def _settings(experiment: Experiment) -> dict[str, Any]:
@@ -211,13 +220,19 @@ class _counting:
     def __exit__(self, *_: object) -> None:
         before = 0.0 if self.is_fresh else self.before
         if before is not None and self.home.is_dir():
-            (self.home / _CPU).write_text(json.dumps(before + time.process_time() - self.begun))
+            with written_whole(self.home / _CPU) as part:
+                part.write_text(json.dumps(before + time.process_time() - self.begun))
 
 
 def _cpu_seconds(home: Path) -> float | None:
-    """What a training has cost; None where it was begun by another command, which does not count it."""
+    """What a training has cost; None where it was begun by another command, which does not count it, and where the file
+    is damaged: a row can do without the number.
+    """
     path = home / _CPU
-    return round(float(json.loads(path.read_text())), 1) if path.is_file() else None
+    try:
+        return round(_COST.validate_json(path.read_bytes()), 1) if path.is_file() else None
+    except ValidationError:
+        return None
 
 
 def sorted_out(tasks: Sequence[Task], records: Path) -> tuple[list[tuple[Task, Record]], list[Task]]:
@@ -280,6 +295,7 @@ def median_record(records: Sequence[Record]) -> Record:
 def keep_median(experiment: Experiment, results: Path, records: Path, policies: Path) -> Path | None:
     """Put the policy of the median seed into policies/<id>/ with its test flags; None unless all seeds are there.
 
+    Success in the environment as it is tells which seed is the median, so rows may lack levels of uncertainty.
     Its weights are in half precision, unless that changes any of the first `_CHECKED` flags: other processors, which
     round differently, may change some.
 
@@ -289,7 +305,7 @@ def keep_median(experiment: Experiment, results: Path, records: Path, policies: 
         records: see `measure`.
         policies: folder of kept policies.
     """
-    tasks = tasks_of(experiment, controllers=False)
+    tasks = tasks_of(experiment, controllers=False, levels=())
     kept = [record for task in tasks if (record := task.kept(records)) is not None]
     if len(kept) < len(tasks):
         return None

@@ -40,6 +40,22 @@ def parse_yaml(text: str) -> Any:
     return yaml.load(text, Loader=_Loader)
 
 
+def read_any_yaml(path: Path) -> Any:
+    """The content of a file, whatever it is.
+
+    Raises:
+        ConfigError: it cannot be read, or is not YAML.
+    """
+    try:
+        return parse_yaml(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path} is not a text file (UTF-8)") from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path} is not valid YAML: {' '.join(str(error).split())}") from error
+
+
 def read_yaml(path: Path, example: str) -> dict[str, Any]:
     """The keys and values in a file.
 
@@ -50,14 +66,7 @@ def read_yaml(path: Path, example: str) -> dict[str, Any]:
     Raises:
         ConfigError: it cannot be read, is not YAML, or holds something else.
     """
-    try:
-        content = parse_yaml(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path} cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path} is not a text file (UTF-8)") from error
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path} is not valid YAML: {' '.join(str(error).split())}") from error
+    content = read_any_yaml(path)
     if not isinstance(content, dict):
         what = "is empty" if content is None else f"holds {content!r:.60}"
         raise ConfigError(f"{path} {what}: it must hold keys and values, such as {example!r}")

@@ -1,7 +1,9 @@
 """The campaign: rows are kept, measured once, and again as soon as their config changes."""
 
 import json
+from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from tensegrity_agents.command import campaign as command
 from tensegrity_agents.command.program import app
 from tensegrity_agents.config import Experiment, load_experiment
 from tensegrity_agents.controllers import make_controller
-from tensegrity_agents.evaluation.records import Record, packed, read_record, read_records, unpacked
+from tensegrity_agents.evaluation.records import Record, packed, packed_times, read_record, read_records, unpacked
 from tensegrity_agents.evaluation.rollout import evaluate
 from tensegrity_agents.experiment import train_agents
 from tensegrity_agents.pretrained import FOLDER
@@ -28,6 +30,22 @@ SMALL = {
     "controllers": ["closed_form_ik"],
     "train": {"total_timesteps": 64, "net_arch": [4], "ppo": {"num_envs": 4, "n_steps": 4, "batch_size": 8}},
 }
+
+WHOLE = Record(
+    "tensegrity/TwoXReach-v0",
+    "agent",
+    "agent",
+    20,
+    {"": packed(np.ones(20, bool)), "2": packed(np.arange(20) < 7)},
+    "0123456789ab",
+    "what it observes",
+    12.5,
+    seed=0,
+    frames=64,
+    cpu_seconds=1.5,
+    wall_seconds=2.0,
+    settling={"": packed_times(np.linspace(0.1, 2.0, 20))},
+)
 
 
 def silent(what, done, total, remark):
@@ -217,12 +235,112 @@ def test_a_config_with_more_than_five_seeds_has_them_all(tmp_path, monkeypatch, 
         assert [task.seed for task in seen if task.seed is not None] == list(range(expected))
 
 
-def test_a_foreign_file_is_named(tmp_path):
-    path = tmp_path / "TwoXReach-v0" / "agent-0.json"
-    path.parent.mkdir()
-    path.write_text(json.dumps({"env": "x"}))
-    with pytest.raises(ValueError, match=r"agent-0\.json: not a record"):
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seed": "0"}, "seed: .*integer.*'0'"),
+        ({"seed": True}, "seed: .*integer.*True"),
+        ({"seed": -1}, "seed: .*greater"),
+        ({"seed": None}, "'agent' without a seed is of kind 'baseline'"),
+        ({"env": 5}, "env: .*string"),
+        ({"controller": 5}, "controller: .*string"),
+        ({"kind": "x"}, "kind: 'agent' with seed 0 is of kind 'agent', got 'x'"),
+        ({"kind": "oracle", "controller": "servo", "seed": None}, "'servo' without a seed is of kind 'baseline'"),
+        ({"episodes": "20"}, "episodes: .*integer"),
+        ({"episodes": 20.5}, "episodes: .*integer"),
+        ({"episodes": 0}, "episodes: .*greater"),
+        ({"episodes": 25}, "24 bits for 25 episodes"),
+        ({"episodes": 19}, "more than 19 flags for 19 episodes"),
+        ({"episodes": 24}, "20 settling times for 24 episodes"),
+        ({"successes": {}}, "successes: there are none of the environment as it is"),
+        ({"successes": []}, "successes: "),
+        ({"successes": {"": 5}}, "successes: : .*string"),
+        ({"successes": {"": "fffff0", "x": "fffff0"}}, "no level 'x'; there are 0, 1, 2, 3"),
+        ({"successes": {"": "fffxf0"}}, "hexadecimal"),
+        ({"settling": {"3": "0" * 80}}, "settling: there are no successes at level '3'"),
+        ({"settling": {"": "0" * 79}}, "fromhex"),
+        ({"config": None}, "config: .*string"),
+        ({"knows": 5}, "knows: .*string"),
+        ({"steps_to_target": "x"}, "steps_to_target: .*number"),
+        ({"steps_to_target": np.nan}, "steps_to_target: .*"),
+        ({"frames": "many"}, "frames: .*integer"),
+        ({"cpu_seconds": "x"}, "cpu_seconds: .*number"),
+        ({"wall_seconds": -1.0}, "wall_seconds: .*greater"),
+        ({"colour": "red"}, "colour: "),
+    ],
+)
+def test_a_field_changed_into_what_cannot_be_is_named(tmp_path, changes, message):
+    path = tmp_path / "agent-0.json"
+    WHOLE.write(path)
+    assert read_record(path) == WHOLE
+    path.write_text(json.dumps(asdict(WHOLE) | changes))
+    with pytest.raises(ValueError, match=rf"^\S*agent-0\.json: not a record of this package \(.*{message}") as error:
         read_record(path)
+    assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("text", [b'{"env": "x"}', b"", b"[]", b"3", b"{", b"\xff\xfe"])
+def test_a_foreign_file_is_named(tmp_path, text):
+    path = tmp_path / "agent-0.json"
+    path.write_bytes(text)
+    with pytest.raises(ValueError, match=r"agent-0\.json: not a record.*delete it"):
+        read_record(path)
+
+
+def test_files_of_rows_stay_what_they_are():
+    """All rows of the repository are read, and those of today's fields are written as they were."""
+    for path in (ROOT / "records").glob("**/*.json"):
+        text = path.read_text()
+        found = read_record(path)
+        assert {**asdict(found), **json.loads(text)} == asdict(found)
+        if "settling" in json.loads(text):
+            assert json.dumps(asdict(found), indent=1) + "\n" == text
+
+
+@pytest.mark.parametrize(
+    ("seed", "changes"),
+    [
+        (None, {"episodes": 12}),
+        (None, {"env": "tensegrity/ThreeXReach-v0"}),
+        (None, {"controller": "servo"}),
+        (None, {"kind": "agent", "seed": 0}),
+        (0, {"seed": 1}),
+        (0, {"kind": "baseline", "seed": None}),
+    ],
+)
+def test_a_row_that_is_not_what_is_asked_for_is_not_taken(tmp_path, seed, changes):
+    task = Task(Experiment(**SMALL), seed, "" if seed is not None else "closed_form_ik")
+    name, kind = ("PPO agent", "agent") if seed is not None else (task.controller, "baseline")
+    row = Record(task.experiment.env, name, kind, 13, {"": "fff0"}, task.config, seed=seed)
+    row.write(task.file(tmp_path))
+    assert task.kept(tmp_path) == row
+    replace(row, **changes).write(task.file(tmp_path))
+    assert task.kept(tmp_path) is None
+
+
+@pytest.mark.parametrize("text", ["", "{", '"x"', "NaN", "-1", "true", "[1]"])
+def test_a_damaged_count_of_time_costs_the_number_alone(tmp_path, monkeypatch, text):
+    task = Task(Experiment(**SMALL), 0)
+    home = task.home(tmp_path / "results")
+    home.mkdir(parents=True)
+    (home / "policy.json").touch()  # a training goes on
+    (home / "cpu_seconds.json").write_text(text)
+    agent = SimpleNamespace(knows="", description={"timesteps": 64, "training_seconds": 1.0})
+    monkeypatch.setattr("tensegrity_agents.campaign.train_agents", lambda *_: {0: agent})
+    monkeypatch.setattr("tensegrity_agents.campaign.recorded", lambda *_, **more: replace(WHOLE, **more))
+    monkeypatch.setattr("tensegrity_agents.campaign._evaluated", lambda *_: None)
+    ((_, row),) = run_campaign([task], tmp_path / "results", tmp_path / "records", silent)
+    assert row.cpu_seconds is None
+
+
+def test_the_policy_is_kept_though_levels_were_not_measured(tmp_path):
+    settings = {"env": "TwoXTensionReachUncertain-v0", "seeds": [0], "controllers": [], "episodes": 5}
+    experiment = Experiment(**SMALL | settings)
+    folders = [tmp_path / name for name in ("results", "records", "policies")]
+    ((_, row),) = run_campaign(tasks_of(experiment, levels=(0,)), *folders[:2], silent)
+    assert list(row.successes) == ["", "0"]
+    home = keep_median(experiment, *folders)
+    assert home is not None and (home / FLAGS).is_file()
 
 
 def test_shipped_policies_are_the_medians_of_the_kept_rows():

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tensegrity_agents.config import ConfigError
 from tensegrity_agents.evaluation.records import Record, packed, packed_times, unpacked_times
 from tensegrity_agents.evaluation.statistics import resampled_means, stratified_bootstrap
 from tensegrity_agents.reporting.claims import Candidate, claims_to_markdown, holm, judged, read_candidates, scores_of
@@ -115,7 +116,34 @@ def test_a_list_of_candidates_that_is_none_is_named(tmp_path):
     path = tmp_path / "candidates.yaml"
     path.write_text(f"- {{env: {ENV}, level: 2, counts: settling_time}}\n")
     assert read_candidates(path) == [TIME]
-    for text in ("- {env: a}", "3", f"- {{env: {ENV}, level: 2, counts: speed}}"):
+    path.write_text("- {env: DualTriangleFastReachMuJoCo-v0, level: '2', counts: success}\n")
+    assert read_candidates(path) == [SUCCESS]
+    for text in ("3", "{}", "", "text", "{env: a}"):
         path.write_text(text)
-        with pytest.raises(ValueError, match=r"candidates\.yaml"):
+        with pytest.raises(ConfigError, match=r"candidates\.yaml holds .* must be a list of entries such as {env: "):
             read_candidates(path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ("{env: a}", "must have env, level and counts"),
+        ("{env: a, level: 2, counts: success, more: 1}", "must have env, level and counts"),
+        ("5", "must have env, level and counts"),
+        ("{env: nope, level: 2, counts: success}", "no environment 'nope'"),
+        ("{env: 5, level: 2, counts: success}", "no environment '5'"),
+        ("{env: tensegrity/TwoXReech-v0, level: 2, counts: success}", "did you mean TwoXReach-v0"),
+        ("{env: TwoXReach-v0, level: 9, counts: success}", "level: must be one of 0, 1, 2, 3"),
+        ("{env: TwoXReach-v0, level: true, counts: success}", "level: must be one of"),
+        ("{env: DualTrianglePush-v0, level: 2, counts: success}", "nothing is uncertain in a push"),
+        ("{env: TwoXReach-v0, level: 2, counts: speed}", "counts: must be success or settling_time"),
+        ("{env: TwoXReach-v0, level: 2, counts: [success]}", "counts: must be success or settling_time"),
+        ("{env: TwoXReach-v0, level: 2, counts: settling_time}", "settling_time is measured where arms reach"),
+        ("{env: TwoXTensionReach-v0, level: 2, counts: success}", "stands there twice"),
+    ],
+)
+def test_a_candidate_that_is_none_is_named(tmp_path, entry, message):
+    path = tmp_path / "candidates.yaml"
+    path.write_text(f"- {{env: tensegrity/TwoXTensionReach-v0, level: 2, counts: success}}\n- {entry}\n")
+    with pytest.raises(ConfigError, match=rf"candidates\.yaml: entry 2, .*: .*{message}"):
+        read_candidates(path)

@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from typer.testing import CliRunner
 
-from tensegrity_agents.evaluation.records import Record, packed, packed_times
+from tensegrity_agents.command.program import app
+from tensegrity_agents.evaluation.records import Record, packed, packed_times, read_records
 from tensegrity_agents.pretrained import load_pretrained
+from tensegrity_agents.reporting.ablations import ablations_to_markdown
 from tensegrity_agents.reporting.matrix import (
     AGENT,
     best_controller,
@@ -128,6 +131,44 @@ def test_the_matrix_tells_which_controller_agents_correct(env_id, corrected):
     assert cells_of(group)[AGENT].corrects == corrected
     text = matrix_to_markdown({"tensegrity/MastReach-v0": group}).replace("\\", "")
     assert ("; corrects" in text) == bool(corrected) and corrected in text
+
+
+@pytest.mark.parametrize("place", ["backup/servo.json", "TwoXReach-v0/servo-copy.json", "TwoXReach-v0/oracle.json"])
+def test_a_row_that_would_count_twice_is_named_with_the_other(tmp_path, place):
+    one = replace(row("servo", 0.9), env="tensegrity/TwoXReach-v0")
+    own = one.file(tmp_path)
+    one.write(own)
+    assert read_records(tmp_path) == {one.env: [one]}
+    one.write(tmp_path / place)
+    done = CliRunner().invoke(app, ["matrix", "--records", str(tmp_path), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 2
+    assert (
+        f"error: {tmp_path / place}: holds the row of {own}, which is there, too; delete {tmp_path / place}"
+        in done.output
+    )
+    assert not (tmp_path / "out" / "matrix.md").exists()
+
+
+@pytest.mark.parametrize("place", ["ThreeXReach-v0/agent-1.json", "TwoXReach-v0/agent-2.json"])
+def test_a_row_that_is_not_in_its_own_file_is_named(tmp_path, place):
+    one = replace(row("PPO agent", 0.9, AGENT, 1), env="tensegrity/TwoXReach-v0")
+    one.write(tmp_path / place)
+    with pytest.raises(
+        ValueError, match=r"holds the row of \S*TwoXReach-v0/agent-1\.json, which is not there; move it"
+    ):
+        read_records(tmp_path)
+
+
+def test_rows_of_environments_of_ones_own_are_in_the_tables(tmp_path):
+    """The matrix draws rows alone, so nobody needs to have registered the ids."""
+    times = {"": packed_times(np.ones(EPISODES))}
+    own = [replace(one, env="mine/Elbow-v0", settling=times) for one in (*agents(0.9), row("mine:Still", 0.1))]
+    for one in own:
+        for folder in (tmp_path, tmp_path / "ablations" / "no_plan") if one.kind == AGENT else (tmp_path,):
+            one.write(one.file(folder))
+    assert (tmp_path / "Elbow-v0" / "mine-Still.json").is_file()
+    assert "`Elbow-v0`" in matrix_to_markdown(read_records(tmp_path))
+    assert "| no plan | 0.0 million |" in ablations_to_markdown(tmp_path / "ablations", {})
 
 
 def test_controllers_look_different():

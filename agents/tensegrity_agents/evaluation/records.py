@@ -5,14 +5,21 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from tensegrity_agents.evaluation.results import Run
+from tensegrity_agents.evaluation.results import Run, kind_of
 from tensegrity_agents.whole_file import written_whole
+from tensegrity_envs.uncertainty import LEVELS
 
+LEVEL_NAMES = tuple(map(str, range(len(LEVELS))))
 _NEVER = 0xFFFF  # of a settling time
+
+Name = Annotated[str, Field(min_length=1)]
+Count = Annotated[int, Field(ge=0)]
+Amount = Annotated[float, Field(ge=0, strict=True, allow_inf_nan=False)]
 
 
 @dataclass(frozen=True)
@@ -36,19 +43,25 @@ class Record:
         settling: of reaching in dynamics, time after which the tip has stayed on target, by level; see `packed_times`.
     """
 
-    env: str
-    controller: str
+    __pydantic_config__ = ConfigDict(strict=True, extra="forbid")  # of `read_record`: files may be edited by hand
+
+    env: Name
+    controller: Name
     kind: str
-    episodes: int
+    episodes: Annotated[int, Field(ge=1)]
     successes: dict[str, str]
     config: str
     knows: str = ""
-    steps_to_target: float | None = None
-    seed: int | None = None
-    frames: int | None = None
-    cpu_seconds: float | None = None
-    wall_seconds: float | None = None
+    steps_to_target: Amount | None = None
+    seed: Count | None = None
+    frames: Count | None = None
+    cpu_seconds: Amount | None = None
+    wall_seconds: Amount | None = None
     settling: dict[str, str] = field(default_factory=dict)
+
+    def file(self, folder: Path) -> Path:
+        """Where it is kept in a folder of records."""
+        return file_of(folder, self.env, self.controller, self.seed)
 
     def with_level(self, level: str, other: "Record", theirs: str) -> "Record":
         """The same with what another record of the same controller has at its level `theirs`, as `level`."""
@@ -79,29 +92,93 @@ class Record:
             part.write_text(json.dumps(asdict(self), indent=1) + "\n")
 
 
+_FILES = TypeAdapter(Record)
+
+
+def name_of(controller: str, seed: int | None) -> str:
+    """The name of a row for messages and files: the controller's, or that of a training seed."""
+    return f"agent-{seed}" if seed is not None else controller.replace(":", "-")
+
+
+def file_of(folder: Path, env: str, controller: str, seed: int | None) -> Path:
+    """Where the record of a row is kept: folder/<id>/<name>.json.
+
+    Args:
+        folder: of records.
+        env: Gymnasium id; its namespace is left out.
+        controller: its name, of which an agent's file takes no notice.
+        seed: of the training, None for a controller.
+    """
+    return folder / env.rpartition("/")[2] / f"{name_of(controller, seed)}.json"
+
+
 def read_record(path: Path) -> Record:
     """A record that `Record.write` wrote.
 
     Raises:
-        ValueError: it is something else; the message names the file.
+        ValueError: it is something else, or a field was changed into what cannot be; the message names the file.
     """
     try:
-        record = Record(**json.loads(path.read_text()))
-        for level in record.successes:
-            record.flags(level)
-            record.settling_times(level)
-    except (TypeError, ValueError, AttributeError) as error:
-        raise ValueError(f"{path}: not a record of this package ({error}); delete it to measure it again") from error
+        record = _FILES.validate_json(path.read_bytes())
+        _check(record)
+    except ValueError as error:  # pydantic's are some
+        what = _first_fault(error) if isinstance(error, ValidationError) else error
+        raise ValueError(f"{path}: not a record of this package ({what}); delete it to measure it again") from error
     return record
 
 
+def _first_fault(error: ValidationError) -> str:
+    """What pydantic found first, in one line."""
+    fault = error.errors(include_url=False)[0]
+    where = "".join(f"{part}: " for part in fault["loc"])
+    given = "" if fault["type"] in ("missing", "json_invalid") else f", got {fault['input']!r:.40}"
+    return f"{where}{fault['msg']}{given}"
+
+
+def _check(record: Record) -> None:
+    """See that the fields of a record, which have the right types, go together.
+
+    Raises:
+        ValueError: they do not; the message names the field.
+    """
+    if "" not in record.successes:
+        raise ValueError("successes: there are none of the environment as it is, ''")
+    if unknown := [level for level in record.successes if level not in ("", *LEVEL_NAMES)]:
+        raise ValueError(f"successes: there is no level {unknown[0]!r}; there are {', '.join(LEVEL_NAMES)}")
+    if alone := [level for level in record.settling if level not in record.successes]:
+        raise ValueError(f"settling: there are no successes at level {alone[0]!r}")
+    kind = kind_of(record.controller) if record.seed is None else "agent"
+    if record.kind != kind:
+        told = "without a seed" if record.seed is None else f"with seed {record.seed}"
+        raise ValueError(f"kind: {record.controller!r} {told} is of kind {kind!r}, got {record.kind!r}")
+    for level in record.successes:
+        record.flags(level)
+        record.settling_times(level)
+
+
 def read_records(folder: Path) -> dict[str, list[Record]]:
-    """All records in folder/<id>/*.json, by Gymnasium id."""
+    """All records in folder/<id>/*.json, by Gymnasium id.
+
+    Raises:
+        ValueError: a file is no record, or holds the row of another file; the message names it, and the other one.
+    """
     found: dict[str, list[Record]] = {}
     for path in sorted(folder.glob("*/*.json")):
         record = read_record(path)
+        _check_place(path, record.file(folder))
         found.setdefault(record.env, []).append(record)
     return found
+
+
+def _check_place(path: Path, own: Path) -> None:
+    """See that a row stands in its own file, so that none counts twice.
+
+    Raises:
+        ValueError: it stands elsewhere; the message names both files.
+    """
+    if path != own:
+        mend = f"which is there, too; delete {path}" if own.is_file() else "which is not there; move it, or delete it"
+        raise ValueError(f"{path}: holds the row of {own}, {mend}")
 
 
 def packed(flags: np.ndarray) -> str:
@@ -113,12 +190,15 @@ def unpacked(text: str, count: int) -> np.ndarray:
     """What `packed` was given.
 
     Raises:
-        ValueError: the text does not hold `count` flags.
+        ValueError: the text does not hold `count` flags and zeros after the last one.
     """
     data = np.frombuffer(bytes.fromhex(text), np.uint8)
     if len(data) != -(-count // 8):
         raise ValueError(f"{4 * len(text)} bits for {count} episodes")
-    return np.unpackbits(data)[:count].astype(bool)
+    bits = np.unpackbits(data).astype(bool)
+    if bits[count:].any():
+        raise ValueError(f"more than {count} flags for {count} episodes")
+    return bits[:count]
 
 
 def packed_times(seconds: np.ndarray) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 
 from tensegrity_agents.evaluation.records import Record, read_records
@@ -43,8 +44,10 @@ def ablations_to_markdown(folder: Path, whole: Mapping[str, Sequence[Record]]) -
 
 
 def _settling(agents: Sequence[Record]) -> str:
-    """Mean time to settle over agents and episodes, as long as an episode where the tip does not stay."""
+    """Mean time to settle over agents and episodes, as long as an episode where the tip does not stay; a dash where it
+    was not measured, or where nobody has registered the environment, which says how long its episodes are.
+    """
     times = [own for record in agents if (own := record.settling_times()) is not None]
-    if len(times) < len(agents):
+    if len(times) < len(agents) or agents[0].env not in gym.registry:
         return "\N{EN DASH}"
     return f"{np.minimum(times, duration_of(agents[0].env)).mean():.3f}"

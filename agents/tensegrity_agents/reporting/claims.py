@@ -15,21 +15,25 @@ compared on these. [Holm1979] Holm, "A simple sequentially rejective multiple te
 procedure", Scandinavian Journal of Statistics 6.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import gymnasium as gym
 import numpy as np
-import yaml
 
-from tensegrity_agents.evaluation.records import Record
+from tensegrity_agents.config import known_env
+from tensegrity_agents.env_options import check_options
+from tensegrity_agents.evaluation.records import LEVEL_NAMES, Record
 from tensegrity_agents.evaluation.rollout import step_time
 from tensegrity_agents.evaluation.statistics import Estimate, resampled_means
 from tensegrity_agents.reporting.matrix import AGENT, ahead
 from tensegrity_agents.reporting.table import percent
+from tensegrity_agents.yaml_file import ConfigError, read_any_yaml
 
 CANDIDATES = "candidates.yaml"  # in the folder of the records
+_EXAMPLE = "{env: TwoXFastReachMuJoCo-v0, level: 2, counts: success}, or counts: settling_time"
 _NONE = "\N{EN DASH}"
 _LEVEL = 0.025  # of a one-sided test: that of a 95% interval's lower end
 
@@ -99,18 +103,40 @@ def read_candidates(path: Path) -> list[Candidate]:
     """The candidates in a YAML file: a list of {env, level, counts}.
 
     Raises:
-        ValueError: the file holds something else; the message names it.
+        ConfigError: the file holds something else, or an entry fits no environment; the message names file and entry.
     """
-    try:
-        found = [
-            Candidate(str(one["env"]), str(one["level"]), one["counts"]) for one in yaml.safe_load(path.read_text())
-        ]
-    except (TypeError, KeyError, yaml.YAMLError) as error:
-        raise ValueError(f"{path}: must be a list of entries with env, level and counts ({error})") from error
-    for one in found:
-        if one.counts not in ("success", "settling_time"):
-            raise ValueError(f"{path}: counts: {one.counts!r}: must be success or settling_time")
+    content = read_any_yaml(path)
+    if not isinstance(content, list):
+        raise ConfigError(f"{path} holds {content!r:.60}: it must be a list of entries such as {_EXAMPLE}")
+    found: list[Candidate] = []
+    for number, entry in enumerate(content, 1):
+        try:
+            found.append(_candidate(entry))
+        except ConfigError as error:
+            raise ConfigError(f"{path}: entry {number}, {entry!r:.120}: {error}") from error
+        if found[-1] in found[:-1]:  # which would count as another one in Holm's correction
+            raise ConfigError(f"{path}: entry {number}, {entry!r:.120}: stands there twice; delete one of them")
     return found
+
+
+def _candidate(entry: object) -> Candidate:
+    """The candidate that an entry of the file names.
+
+    Raises:
+        ConfigError: it names none; the message says what would work.
+    """
+    if not isinstance(entry, dict) or set(entry) != set(Candidate._fields):
+        raise ConfigError(f"must have env, level and counts, such as {_EXAMPLE}")
+    level, counts = str(entry["level"]), entry["counts"]
+    if level not in LEVEL_NAMES:
+        raise ConfigError(f"level: must be one of {', '.join(LEVEL_NAMES)}")
+    if counts not in get_args(Counts):
+        raise ConfigError(f"counts: must be {' or '.join(get_args(Counts))}")
+    env = known_env(str(entry["env"]))
+    core = check_options(env, {"level": int(level)})
+    if counts == "settling_time" and math.isnan(step_time(core)):
+        raise ConfigError("counts: settling_time is measured where arms reach in dynamics; here success counts")
+    return Candidate(env, level, counts)
 
 
 def scores_of(record: Record, candidate: Candidate) -> np.ndarray | None:
