@@ -19,7 +19,7 @@ from tensegrity_agents.command_options import shipped_configs
 from tensegrity_agents.controllers import baselines_of
 from tensegrity_agents.evaluation.records import Record, read_records
 from tensegrity_agents.reporting.matrix import AGENT, best_controller, cells_of
-from tensegrity_agents.reporting.table import percent, steps_text
+from tensegrity_agents.reporting.table import percent
 from tensegrity_agents.reporting.video import record
 from tensegrity_agents.yaml_file import read_yaml
 from tensegrity_envs.core import Core
@@ -219,13 +219,18 @@ def results(entry: Entry, core: Any) -> str:
     if AGENT in cells:
         agent = cells[AGENT]
         runs = f"{len(agent.flags)} training run{'s' if len(agent.flags) > 1 else ''}"
-        rows.append((f"**agents**, {runs}", agent.knows, agent.text, steps_text(agent.steps)))
+        rows.append((f"**agents**, {runs}", agent.knows, agent.text, agent.time_text))
     for name, make in baselines_of(entry.id).items():
         cell = cells.get(name)
         knows = str(getattr(make(core), "knows", "")) if cell is None else cell.knows
-        measured = (_NONE, _NONE) if cell is None else (cell.text, steps_text(cell.steps))
+        measured = (_NONE, _NONE) if cell is None else (cell.text, cell.time_text)
         rows.append((f"`{name}`", knows, *measured))
-    head = ("controller", "what it knows beside observations", "success [%], 95% interval", "steps to target")
+    head = (
+        "controller",
+        "what it knows beside observations",
+        "success [%], 95% interval",
+        "median steps, or time to settle",
+    )
     parts = [table(head, rows), *map(_filled, _told(entry, cells))]
     return "\n".join(parts)
 
@@ -244,7 +249,7 @@ def _told(entry: Entry, cells: dict[str, Any]) -> Iterable[str]:
     elif not cells:
         yield "It has not been measured yet."
     if entry.id in _configured():
-        yield f"`make compare ENV={name}` trains an agent, measures all of them, and writes a report."
+        yield f"`make compare ENV={name}` trains agents, measures all of them, and writes a report."
 
 
 def _is_in_results(name: str) -> bool:

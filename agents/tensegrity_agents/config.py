@@ -238,6 +238,19 @@ class TrainConfig(_Strict):
         return self
 
     @model_validator(mode="after")
+    def _trains_the_policy(self) -> "TrainConfig":
+        taught = max((one.timesteps for one in (self.teacher, self.gradient) if one is not None), default=0)
+        left, rollout = self.total_timesteps - taught, self.ppo.num_envs * self.ppo.n_steps
+        alone = self.ppo.value_rollouts * rollout
+        begins_well = taught > 0 or self.corrects is not None  # otherwise none is for the value function alone
+        if self.is_on_policy and begins_well and 0 < left <= alone:
+            raise ValueError(
+                f"ppo.value_rollouts {self.ppo.value_rollouts}: rollouts of num_envs * n_steps = {rollout} steps would "
+                f"train the value function for all {left} steps, and the policy never; make total_timesteps larger"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _repeats(self) -> "TrainConfig":
         if self.repeat_failed and not self.is_on_policy:
             raise ValueError(f"repeat_failed: needs algorithm: ppo or recurrent_ppo, not {self.algorithm}")

@@ -6,9 +6,8 @@ from scipy import stats
 
 from tensegrity_agents.evaluation.statistics import (
     Estimate,
-    interquartile_mean,
-    interquartile_mean_of_runs,
     normalized_score,
+    overall_mean,
     performance_profile,
     probability_of_improvement,
     stratified_bootstrap,
@@ -44,19 +43,10 @@ def test_wilson_rejects(arguments):
         wilson_interval(*arguments)
 
 
-@pytest.mark.parametrize("shape", [(1,), (3,), (4,), (5,), (8,), (10, 17), (3, 4, 5)])
-def test_interquartile_mean_equals_scipy(shape):
-    scores = np.random.default_rng(1).lognormal(size=shape)
-    assert interquartile_mean(scores) == pytest.approx(stats.trim_mean(scores, 0.25, axis=None))
-
-
-def test_interquartile_mean_of_runs():
-    scores = np.random.default_rng(1).random((10, 30))
-    assert interquartile_mean_of_runs(scores) == pytest.approx(stats.trim_mean(scores.mean(axis=1), 0.25))
-    success = np.r_[np.ones(900), np.zeros(100)][None]  # of single outcomes it would be 1
-    assert interquartile_mean(success) == 1 and interquartile_mean_of_runs(success) == pytest.approx(0.9)
-    with pytest.raises(ValueError, match="no scores"):
-        interquartile_mean([])
+def test_a_run_that_failed_counts():
+    flags = np.ones((5, 100))
+    flags[2] = 0
+    assert success_rate(flags)[0].point == overall_mean(flags) == pytest.approx(0.8)
 
 
 def test_performance_profile_equals_its_definition():

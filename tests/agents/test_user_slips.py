@@ -65,6 +65,9 @@ def place(tmp_path, monkeypatch, policy):
         "no_env.yaml": "train: {total_timesteps: 5}\n",
         "options.yaml": GOOD.replace("total", "env_options: {tolerence: 0.1}, total"),
         "gym.yaml": GOOD.replace("total", "env_options: {render_mode: human}, total"),
+        "values.yaml": GOOD.replace("n_steps: 8", "n_steps: 8, value_rollouts: 2").replace(
+            "total", "corrects: {controller: servo}, total"
+        ),
         "many.yaml": GOOD.replace("total", "history: 1000000, total"),
         "observes.yaml": GOOD.replace("total", "env_options: {observe: tip_and_inputs}, total"),
         "one_step.yaml": GOOD.replace("num_envs: 4, n_steps: 8", "num_envs: 1, n_steps: 1"),
@@ -118,6 +121,7 @@ EXPERIMENTS = [  # of train.py and compare.py alike
     ("--config options.yaml", "did you mean 'tolerance'"),
     ("--config gym.yaml", "train.env_options: render_mode is no option of environments, but of gym.make"),
     ("--config gym.yaml --fresh", "render_mode"),
+    ("--config values.yaml", "and the policy never"),
     ("--config many.yaml", "less than or equal to 1000"),
     ("--config observes.yaml", "cannot be evaluated"),
     ("--config one_step.yaml", "at least 2"),

@@ -49,34 +49,12 @@ def wilson_interval(successes: int, n: int, confidence: float = 0.95) -> tuple[f
     return (0.0 if successes == 0 else centre - half, 1.0 if successes == n else centre + half)
 
 
-def interquartile_mean(scores: ArrayLike) -> float:
-    """Mean of the middle half of all scores, whatever their shape [Agarwal2021, section 4.3].
-
-    floor(n / 4) scores are left out at each end. On single zeros and ones this is useless (1 as soon as three
-    quarters succeed), so of success rates take `interquartile_mean_of_runs`.
-
-    Raises:
-        ValueError: there are no scores.
-    """
-    ordered = np.sort(np.asarray(scores, float), axis=None)
-    if not len(ordered):
-        raise ValueError("interquartile mean of no scores")
-    cut = len(ordered) // 4
-    return float(ordered[cut : len(ordered) - cut].mean())
+def overall_mean(scores: ArrayLike) -> float:
+    """Mean over all runs and episodes: of five runs an interquartile mean would hide one that failed."""
+    return float(np.asarray(scores, float).mean())
 
 
-def interquartile_mean_of_runs(scores: np.ndarray) -> float:
-    """Each run's mean over its episodes, then the mean of the middle half of the runs; of fewer than four, of all.
-
-    Args:
-        scores: shape (runs, episodes).
-    """
-    return interquartile_mean(np.asarray(scores, float).mean(axis=1))
-
-
-def success_rate(
-    flags: np.ndarray, statistic: Callable[[np.ndarray], float] = interquartile_mean_of_runs
-) -> tuple[Estimate, str]:
+def success_rate(flags: np.ndarray, statistic: Callable[[np.ndarray], float] = overall_mean) -> tuple[Estimate, str]:
     """A success rate with its 95% interval, and whether that is of "Wilson" or of a "bootstrap" over runs and episodes.
 
     One run has Wilson's interval, and so have several whose episodes all succeeded, or all failed: a bootstrap would
@@ -95,7 +73,7 @@ def success_rate(
 
 def stratified_bootstrap(
     scores: ArrayLike,
-    statistic: Callable[[np.ndarray], float] = interquartile_mean_of_runs,
+    statistic: Callable[[np.ndarray], float] = overall_mean,
     *,
     confidence: float = 0.95,
     resamples: int = 2000,

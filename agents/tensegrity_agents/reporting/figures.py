@@ -225,8 +225,11 @@ def learning_curve(
         len(seconds) > 1 and all(b > a for a, b in pairwise(seconds)) and all(b > a for a, b in pairwise(timesteps))
     )
     if rising and len(seconds) == len(timesteps):
-        scale = timesteps[-1] / seconds[-1] / 1e6
-        top = panels[0].secondary_xaxis("top", functions=(lambda s: s * scale, lambda t: t / scale))
+        # Not every step takes as long: a teacher's are slower than those of PPO.
+        when, done = (np.concatenate([[0.0], values, [2 * values[-1]]]) for values in (seconds, timesteps / 1e6))
+        top = panels[0].secondary_xaxis(
+            "top", functions=(lambda s: np.interp(s, when, done), lambda t: np.interp(t, done, when))
+        )
         top.set_xlabel("environment steps [million]")
         top.spines["top"].set_visible(True)
     return figure

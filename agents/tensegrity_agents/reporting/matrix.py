@@ -78,7 +78,7 @@ def mean_success(flags: np.ndarray) -> Estimate:
     Args:
         flags: success, (runs, episodes).
     """
-    return success_rate(flags, lambda values: float(np.mean(values)))[0]
+    return success_rate(flags)[0]
 
 
 def cells_of(records: Sequence[Record], level: str = "") -> dict[str, Cell]:
@@ -142,7 +142,7 @@ def lead(cells: Mapping[str, Cell]) -> Estimate | None:
     agent, best = cells.get(AGENT), best_controller(cells)
     if agent is None or best is None:
         return None
-    return stratified_bootstrap(ahead(agent.flags, best.flags[0]), lambda values: float(np.mean(values)))
+    return stratified_bootstrap(ahead(agent.flags, best.flags[0]))
 
 
 def verdict_of(cells: Mapping[str, Cell]) -> str:

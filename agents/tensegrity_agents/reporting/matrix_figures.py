@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from tensegrity_agents.evaluation.records import Record
-from tensegrity_agents.reporting.matrix import AGENT, Cell, cells_of, is_whole
+from tensegrity_agents.reporting.matrix import AGENT, Cell, cells_of, is_whole, verdict_of
 from tensegrity_agents.reporting.style import AGENTS, legend, looks, new_figure, note, styled
 from tensegrity_agents.reporting.table import percent
 
@@ -41,22 +41,29 @@ def matrix_figure(records: Mapping[str, Sequence[Record]]) -> Figure:
             star = "" if is_whole(cell, cells) else "*"
             axes.text(k, i - 0.15, percent(cell.success.point) + star, fontsize=8, **style)  # type: ignore[arg-type]
             axes.text(k, i + 0.24, cell.time_text, fontsize=6.5, **style)  # type: ignore[arg-type]
-        fair = [cell for cell in cells.values() if cell.kind in (AGENT, "baseline")]
-        for cell in fair:
-            if cell.success.point == max(one.success.point for one in fair):
-                outline = {"fill": False, "edgecolor": AGENTS[0], "linewidth": 1.8}
-                axes.add_patch(_square(names.index(cell.name), i, outline))
+        for name in _framed(cells):
+            outline = {"fill": False, "edgecolor": AGENTS[0], "linewidth": 1.8}
+            axes.add_patch(_square(names.index(name), i, outline))
     axes.imshow(shown, cmap="Blues", vmin=0, vmax=110, aspect="auto")
     axes.set_xticks(range(len(names)), [name.replace("_", " ") for name in names], rotation=40, ha="right")
     axes.set_yticks(range(len(table)), [_short(env_id) for env_id in table])
     axes.grid(visible=False)
     few = sorted({cell.episodes for cells in table.values() for cell in cells.values() if not is_whole(cell, cells)})
     axes.set_xlabel(
-        "above: success [%] on the test episodes; framed: the best without hidden knowledge; blank: not there"
+        "above: success [%] on the test episodes; framed: the best without hidden knowledge, and agents level with it; "
+        "blank: not there"
         + (f"; *: on the first {' or '.join(map(str, few))}" if few else "")
         + "\nbelow: median steps to the target, in dynamics mostly seconds until the tip stays on it, where it does"
     )
     return figure
+
+
+def _framed(cells: Mapping[str, Cell]) -> list[str]:
+    """The columns of the best analytic controllers of an id, and of agents as the verdict in the table says."""
+    fair = [cell for cell in cells.values() if cell.kind == "baseline"]
+    best = max((cell.success.point for cell in fair), default=0.0)
+    framed = [] if (verdict := verdict_of(cells)) == "agent" else [c.name for c in fair if c.success.point == best]
+    return framed + ([AGENT] if verdict in ("agent", "level") else [])
 
 
 def _square(x: int, y: int, style: Mapping[str, object]) -> Rectangle:

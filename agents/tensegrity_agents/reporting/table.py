@@ -49,7 +49,7 @@ def summary_rows(runs: list[Run], reach: float | None = None) -> list[Row]:
     Shares and rates are fractions, errors are in mm, `error_unit` is the one in which they are shown. Keys:
         controller, kind, notes; episodes; training_runs (0 where nothing was trained), label ("1 training run", ...);
         success, success_low, success_high with interval ("Wilson", or "bootstrap" over runs and episodes, success then
-        being the interquartile mean over runs), success_runs (each run's), success_ever, normalized (success with
+        being the mean over runs and episodes), success_runs (each run's), success_ever, normalized (success with
         random = 0 and oracle = 1, NaN where unknown);
         score, score_low, score_high (mean over runs and episodes, bootstrap interval; NaN where the task has none);
         error_median_mm, error_p95_mm, and with `reach` error_median_share, error_p95_share of it;
@@ -106,7 +106,7 @@ def _row(group: list[Run], reach: float | None) -> Row:
     scores = np.stack([run.columns["score"] for run in group])
     score = Estimate(math.nan, math.nan, math.nan)
     if np.isfinite(scores).all():
-        score = stratified_bootstrap(scores, lambda values: float(np.mean(values)))
+        score = stratified_bootstrap(scores)
     row = {
         "controller": first.controller,
         "kind": first.kind,
