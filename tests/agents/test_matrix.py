@@ -142,10 +142,7 @@ def test_a_row_that_would_count_twice_is_named_with_the_other(tmp_path, place):
     one.write(tmp_path / place)
     done = CliRunner().invoke(app, ["matrix", "--records", str(tmp_path), "--out", str(tmp_path / "out")])
     assert done.exit_code == 2
-    assert (
-        f"error: {tmp_path / place}: holds the row of {own}, which is there, too; delete {tmp_path / place}"
-        in done.output
-    )
+    assert f"error: {tmp_path / place}: holds the row of {own}, which is there, too; keep the right one" in done.output
     assert not (tmp_path / "out" / "matrix.md").exists()
 
 

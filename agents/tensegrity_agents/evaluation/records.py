@@ -177,7 +177,9 @@ def _check_place(path: Path, own: Path) -> None:
         ValueError: it stands elsewhere; the message names both files.
     """
     if path != own:
-        mend = f"which is there, too; delete {path}" if own.is_file() else "which is not there; move it, or delete it"
+        # The other file need not hold the same: somebody may have exchanged the names of two.
+        there = "which is there, too; keep the right one under that name and delete the other"
+        mend = there if own.is_file() else "which is not there; move it, or delete it"
         raise ValueError(f"{path}: holds the row of {own}, {mend}")
 
 
