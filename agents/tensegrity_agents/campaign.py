@@ -36,8 +36,6 @@ FLAGS = "test_successes.txt"  # of a kept policy: one digit for each test episod
 _CPU = "cpu_seconds.json"
 _COST = TypeAdapter[float](Amount)
 _CHECKED = 200
-# The first test episodes alone are measured of controllers whose actions take long.
-FEWER_EPISODES = {"mpc": 200}
 
 
 class Task(NamedTuple):
@@ -66,15 +64,10 @@ class Task(NamedTuple):
         return name_of(self.controller, self.seed)
 
     @property
-    def episodes(self) -> int:
-        """How many test episodes are measured, the first ones."""
-        return min(self.experiment.episodes, FEWER_EPISODES.get(self.controller, self.experiment.episodes))
-
-    @property
     def config(self) -> str:
         """Hash of all that the row depends on."""
         given = self.experiment
-        settings = {"env": given.env, "options": given.options, "episodes": self.episodes}
+        settings = {"env": given.env, "options": given.options, "episodes": given.episodes}
         if self.seed is None:
             return hash_of(settings | {"controller": self.controller})
         return hash_of(settings | {"seed": self.seed, "train": _settings(given)})
@@ -120,7 +113,7 @@ class Task(NamedTuple):
 
     def _is_asked_for(self, record: Record) -> bool:
         """Whether a record is of this row: the hash alone does not notice a field that was changed by hand."""
-        asked = self.config, self.experiment.env, self.episodes, self.seed
+        asked = self.config, self.experiment.env, self.experiment.episodes, self.seed
         found = record.config, record.env, record.episodes, record.seed
         return found == asked and (self.seed is not None or record.controller == self.controller)
 
@@ -198,7 +191,7 @@ def _evaluated(task: Task, make: Callable[[dict[str, Any]], Controller], level: 
     return evaluate(
         make(options),
         experiment.env,
-        task.episodes,
+        task.experiment.episodes,
         TEST_SEED,
         agent_name(experiment) if task.seed is not None else task.controller,
         "agent" if task.seed is not None else kind_of(task.controller),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from tensegrity_agents.campaign import FEWER_EPISODES, FLAGS, Task, keep_median, median_record, run_campaign, tasks_of
+from tensegrity_agents.campaign import FLAGS, Task, keep_median, median_record, run_campaign, tasks_of
 from tensegrity_agents.command import campaign as command
 from tensegrity_agents.command.program import app
 from tensegrity_agents.config import Experiment, load_experiment
@@ -195,17 +195,6 @@ def test_levels_are_kept_as_they_come(tmp_path, monkeypatch):
     assert found == at_once
 
 
-def test_of_slow_controllers_the_first_episodes_are_measured(tmp_path, monkeypatch):
-    monkeypatch.setitem(FEWER_EPISODES, "closed_form_ik", 8)
-    task = Task(Experiment(**SMALL), None, "closed_form_ik")
-    ((_, found),) = run_campaign([task], tmp_path, tmp_path / "records", silent)
-    assert found.episodes == 8
-    monkeypatch.undo()
-    ((_, more),) = run_campaign([task], tmp_path, tmp_path / "records", silent)
-    np.testing.assert_array_equal(more.flags()[:8], found.flags())
-    assert more.episodes == 13
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -357,8 +346,4 @@ def test_kept_rows_are_of_environments_that_there_are():
     assert set(rows) <= set(ENV_IDS)
     experiments = [load_experiment(path) for path in (ROOT / "configs").glob("*.yaml")]
     fewer = {experiment.env: experiment.episodes for experiment in experiments if experiment.episodes < 1000}
-    assert all(
-        row.episodes == FEWER_EPISODES.get(row.controller, fewer.get(row.env, 1000))
-        for group in rows.values()
-        for row in group
-    )
+    assert all(row.episodes == fewer.get(row.env, 1000) for group in rows.values() for row in group)

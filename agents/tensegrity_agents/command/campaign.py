@@ -61,8 +61,8 @@ def main(
     ] = None,
 ) -> None:
     """Train 5 seeds of the config of every id (or all of a config that has more), evaluate them and the analytic
-    controllers on 1,000 test episodes each (mpc, and ids whose config says so, on 200), and keep every row: success of
-    each episode, training time (CPU and wall), steps, a hash of the config.
+    controllers on 1,000 test episodes each (or as many as the config says), and keep every row: success of each
+    episode, training time (CPU and wall), steps, a hash of the config.
 
     Interrupt it whenever you like: the same command goes on, and rows that are there are not measured again. A row that
     fails is named, and the others go on. The matrix of all rows is drawn by: tensegrity matrix

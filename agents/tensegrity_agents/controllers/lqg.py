@@ -37,6 +37,10 @@ from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
 from tensegrity_envs.simulation.mujoco.linearizing import linearize
 
+KNOWS = (
+    "the nominal design and the documented ranges; LQG along the path: {} identified by a Kalman filter, delay by "
+    "what became of actions"
+)
 _EVERY = 3  # steps of the path that have one gain
 _FADES = 25  # steps
 _STILL = 1e-6  # [rad]
@@ -95,9 +99,8 @@ class LQG(FullSpeed[LQGMemory]):
     def __init__(
         self, core: Core, base: Base, softness: float = 3.0, smoothing: int = 5, integral: float = 0.05
     ) -> None:
-        super().__init__(
-            core, base, "LQG along the path: parameters identified by a Kalman filter, delay by what became of actions"
-        )
+        super().__init__(core, base, "LQG")
+        self.knows = KNOWS.format("angles and parameters")
         self.softness, self.smoothing, self.integral = softness, smoothing, integral
         self.plant = BelievedPlant(core)
         self.filter = ArmFilter(self.plant)

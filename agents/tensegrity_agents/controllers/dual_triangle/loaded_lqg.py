@@ -19,7 +19,7 @@ from tensegrity_agents.controllers.delay_line import first_line
 from tensegrity_agents.controllers.dual_triangle.loaded_filter import LoadedFilter
 from tensegrity_agents.controllers.dual_triangle.planning import choose_posture, course, validity
 from tensegrity_agents.controllers.dual_triangle.reach import Observer
-from tensegrity_agents.controllers.lqg import LQG, LQGMemory
+from tensegrity_agents.controllers.lqg import KNOWS, LQG, LQGMemory
 from tensegrity_agents.controllers.resting import ends_of_plans
 from tensegrity_envs.core import Core
 from tensegrity_envs.observation import DecodedObservation
@@ -73,10 +73,7 @@ class LoadedLQG(LQG):
         low, high = sampler.load_range
         loads = float(sampler.critical) * low, float(sampler.critical) * max(high, _LEAST_LOAD)
         self.filter: LoadedFilter = LoadedFilter(self.plant, loads, rate_drift, load_drift)
-        self.knows = (
-            "the nominal design and the documented ranges; LQG along the path: angles, parameters and load identified "
-            "by a Kalman filter, delay by what became of actions"
-        )
+        self.knows = KNOWS.format("angles, parameters and load")
 
     def initial(self, observed: DecodedObservation, index: np.ndarray) -> LQGMemory:
         """See `AnalyticController.initial`: nothing is planned yet."""
